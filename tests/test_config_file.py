@@ -59,11 +59,6 @@ def test_file_overrides_base_and_leaves_the_rest(tmp_path: Path) -> None:
     assert read(tmp_path, "") == Config()
 
 
-def test_optional_table_and_list_of_tables(tmp_path: Path) -> None:
-    config = read(tmp_path, 'extra = {glow = 2.0}\nairs = [{model = "paper"}, {}]\nmodel = "a/b.onnx"\nsizes = [4]')
-    assert config == Config(extra=Air(glow=2.0), airs=(Air("paper"), Air()), model=Path("a/b.onnx"), sizes=(4,))
-
-
 @given(
     st.builds(
         Config,

@@ -53,7 +53,7 @@ def transforms(found):
 
 
 @pytest.fixture
-def told(tmp_path):
+def written(tmp_path):
     """What a view writes of results and records."""
 
     def write(*pairs):
@@ -85,10 +85,10 @@ def test_a_run_writes_poses_in_the_decks_frame(tmp_path):
         )
 
 
-def test_transforms_agree_with_the_pose_and_with_the_world(tmp_path, told):
+def test_transforms_agree_with_the_pose_and_with_the_world(tmp_path, written):
     at = frame(0, 150.0)
     result = chain(at)
-    found = told((result, frame_record(result, STILL.approach)))
+    found = written((result, frame_record(result, STILL.approach)))
     moves = transforms(found)
     assert {child: parent for child, (parent, _) in moves.items()} == {
         "base_link": "map",
@@ -117,7 +117,7 @@ def test_transforms_agree_with_the_pose_and_with_the_world(tmp_path, told):
     np.testing.assert_allclose([[point.x, point.y] for point in seen.points[:2]], ends)
 
 
-def test_what_is_no_guidance_does_not_look_like_it(told):
+def test_what_is_no_guidance_does_not_resemble_it(written):
     one_line = chain(frame(), sides=("left",))
     nothing = chain(frame(1), sides=())
     late = chain(frame(2))
@@ -125,7 +125,7 @@ def test_what_is_no_guidance_does_not_look_like_it(told):
     records[2] |= {"status": "stale", "flags": [{"name": "stale", "reason": "the answer is 0.41 s old"}]}
     silent = {"file": None, "status": "stale", "reason": "no frame for 0.50 s", "live": {"age_s": 0.5}}
     skipped = {"file": "frame_004.png", "skipped": "cut short"}
-    found = told(*zip((one_line, nothing, late), records, strict=True), (None, silent), (None, skipped))
+    found = written(*zip((one_line, nothing, late), records, strict=True), (None, silent), (None, skipped))
     assert POSE not in found
     assert transforms(found).keys() == {"base_link", "camera_optical_frame"}
     assert all([marker.action for marker in m.markers] == [3] for _, m in found[LINES])  # delete all
@@ -137,9 +137,9 @@ def test_what_is_no_guidance_does_not_look_like_it(told):
     assert [state.message for _, state in states[3:]] == ["skipped: cut short", "stale: no frame for 0.50 s"]
 
 
-def test_without_a_pose_there_is_a_picture_and_no_pose(told):
+def test_without_a_pose_there_is_a_picture_and_no_pose(written):
     result = chain(frame(pose=False))
-    found = told((result, frame_record(result, STILL.approach)))
+    found = written((result, frame_record(result, STILL.approach)))
     assert POSE not in found and len(found["/deckline/image/compressed"]) == 1
     assert transforms(found).keys() == {"camera_optical_frame"}
 
@@ -221,8 +221,8 @@ def test_foxglove_gets_the_same_messages():
                 channels = {}
                 while POSE not in channels:
                     text = client.recv(timeout=10)
-                    told = json.loads(text) if isinstance(text, str) else {}
-                    channels |= {channel["topic"]: channel for channel in told.get("channels", ())}
+                    written = json.loads(text) if isinstance(text, str) else {}
+                    channels |= {channel["topic"]: channel for channel in written.get("channels", ())}
                 pose = channels[POSE]
                 assert (pose["encoding"], pose["schemaEncoding"]) == ("cdr", "ros2msg")
                 wanted = [{"id": 7, "channelId": pose["id"]}]

@@ -220,7 +220,7 @@ def test_reloads_a_second_browser_and_one_that_leaves_stop_nothing(flying, brows
     [
         ("/", {"Origin": "http://elsewhere.example"}, 403),
         ("/", {"Host": "elsewhere.example"}, 400),
-        ("/moment/999999", {}, 404),
+        ("/snapshot/999999", {}, 404),
         ("/picture/0/other", {}, 404),
     ],
 )
@@ -261,7 +261,7 @@ def test_a_recording_stays_open_until_ctrl_c(tmp_path, browser):
     assert (tmp_path / "out" / "report.html").exists()
 
 
-def moment(number, size):
+def snapshot(number, size):
     return Snapshot(number, "x" * size, [], None)
 
 
@@ -269,10 +269,10 @@ def test_memory_forgets_the_oldest():
     memory = Memory(10_000)
     assert memory.get(0) is None and memory.oldest == -1 and memory.after(-1) == []
     for number in range(9):
-        memory.add(moment(number, 1000))
+        memory.add(snapshot(number, 1000))
     assert memory.oldest == 6 and memory.get(5) is None and memory.get(9) is None
     assert memory.get(7).number == 7 and [kept.number for kept in memory.after(6)] == [7, 8]
-    memory.add(moment(9, 50_000))
+    memory.add(snapshot(9, 50_000))
     assert memory.oldest == 9
 
 

@@ -25,11 +25,9 @@ from bad_files import (
     TIMES,
     YAML,
     A,
-    bounded,
-    check_line,
+    check_refused,
     film,
     lay,
-    lines_of,
     link_to,
     listen,
     sparse,
@@ -155,8 +153,4 @@ def test_the_whole_file_is_taken(name, tmp_path, monkeypatch, capsys):
 @pytest.mark.parametrize(("name", "fault"), KINDS)
 def test_no_file_that_is_none_ends_in_a_traceback(name, fault, tmp_path, monkeypatch, capsys):
     data = write_valid(tmp_path, name)
-    lay(tmp_path, {name: FAULTS[fault](data)})
-    monkeypatch.chdir(tmp_path)
-    with bounded():
-        code = main(FILES[name][2].split())
-    check_line(code, lines_of(capsys))
+    check_refused(tmp_path, {name: FAULTS[fault](data)}, FILES[name][2], monkeypatch, capsys)

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from bad_files import (
     AIR,
-    AIRSIM,
     BY_NAME,
     BY_TIME,
     CAMERA,
@@ -20,15 +19,12 @@ from bad_files import (
     IMPORT,
     LOGGED,
     PICTURE,
-    ROW,
     RUN,
     TIMES,
     A,
-    bounded,
-    check_line,
+    check_refused,
     film,
     lay,
-    lines_of,
     link_to,
     write_log,
 )
@@ -119,85 +115,45 @@ CONTENTS = {  # by file and command: each fault of the file's contents
     },
     ("concat:a.mp4", f"run concat:a.mp4 {RUN}"): {"name with a protocol": "no film"},
     ("camera.toml", f"run . {RUN}"): {
-        "text for a number": "width = 'wide'\n" + CAMERA.partition("\n")[2],
-        "400 digits": CAMERA.replace("50.0", HUGE),
         "wider than 64 bits": CAMERA.replace("64", HUGE),
-        "infinite focal length": CAMERA.replace("50.0", "inf"),
-        "negative size": CAMERA.replace("64", "-64"),
-        "another shape": CAMERA.replace("64", "99"),
         "deep value": CAMERA + f"distortion = {DEEP}",
         "key of 200,000 dots": "a" + 200_000 * ".a" + " = 1\n",
         "calibration elsewhere": "calibration = '/dev/zero'\n",
     },
-    ("camera.toml", f"run . --fov-deg 90 {RUN}"): {"another field of view": CAMERA},
     ("camera.yaml", f"run . {RUN}"): {
         "tags": "!!python/object/apply:os.system ['false']",
         "references": BOMB + SIZED + "*i\n",
         "deep": SIZED + DEEP,
         "400 digits": SIZED + f"[{HUGE}, 0, 1, 0, 1, 1, 0, 0, 1]",
         "dates": SIZED + "2020-01-01",
-        "a number": "7",
-    },
-    ("runway.toml", f"run . {RUN}"): {
-        "key of the aircraft": "[approach]\npoint_m = [1, 2, 3]\n",
-        "table of the aircraft": "[sensors]\nposition_m = 1\n",
-        "400 digits": f"[deck]\nwidth_m = {HUGE}\n",
-        "negative width": "[deck]\nwidth_m = -3\n",
-        "text": "[deck]\nwidth_m = 'wide'\n",
     },
     ("poses.csv", f"run . {RUN}"): {
         "60,000 columns": ",".join(f"c{index}" for index in range(60_000)) + "\n",
-        "5,000 columns": ",".join(f"c{index}" for index in range(5_000)) + "\n",
         "5 million rows": NAMED + 5_000_000 * "a\n",
-        "a cell of 200 kB": NAMED + 200_000 * "x",
         "zero bytes": NAMED + "\0\n",
-        "infinite numbers": NAMED + "a.png,inf,0,0,0,1,0,0,0\n",
         "as far as numbers go": NAMED + "a.png,0,0,0,-1e308,1,0,0,0\n",
-        "without length": NAMED + "a.png,0,0,0,0,0,0,0,0\n",
-        "leaves the folder": NAMED + "../a.png,0,0,0,0,1,0,0,0\n",
         "name of 5000 digits": NAMED + f"{5000 * '1'}.png,0,0,0,0,1,0,0,0\n",
-        "by time without times": TIMED + "0,0,0,0,1,0,0,0\n1,0,0,0,1,0,0,0\n",
-        "angles without a unit": "file,time_s,x_m,y_m,z_m,roll,pitch,yaw\na.png,0,0,0,0,0,0,0\n",
-        "latitude of 95": "file,time_s,lat,lon,alt,qw,qx,qy,qz\na.png,0,95,0,0,1,0,0,0\n",
         "infinite angles": "file,time_s,x_m,y_m,z_m,roll_deg,pitch_deg,yaw_deg\na.png,0,0,0,0,inf,0,0\n",
-    },
-    ("times.csv", f"run . {RUN}"): {
-        "text": "file,time_s\na.png,soon\n",
-        "without the image": "file,time_s\nb.png,1\n",
     },
     ("x.ulg", LOGGED % "ulg"): {
         "cut": b"ULog\x01\x12\x35\x01" + bytes(9),
         "later version": edited(QUIET, bytes(40), b"\xff" * 40),
     },
     ("x.bin", LOGGED % "bin"): {
-        "noise": b"\xa3\x95\x80" + bytes(range(256)),
         "a format that is none": edited(FLOWN, b"QLLf", b"QtLf"),
         "messages without bytes": edited(FLOWN, b"\x82\x17POS\0QLLf", b"\x82\0POS" + bytes(5)),
     },
-    ("airsim_rec.txt", f"run . {RUN}"): {
-        "image missing": AIRSIM + ROW.replace("_1.png", "_2.png"),
-        "leaves the folder": AIRSIM + ROW.replace("img_D", "../img_D"),
-        "400 digits": AIRSIM + ROW.replace("-30", HUGE),
-    },
-    ("images/img_D_0_1_1.pfm", f"run . {RUN}"): {"another size": b"Pf\n1 1\n-1\n" + bytes(4)},
     ("scene.json", f"run . {RUN}"): {
-        "another format": "{}",
         "200 deep": SCENE + f'"camera": {200 * "["}{200 * "]"}}}',
         "400 digits": SCENE + f'"camera": {{"width": {HUGE}}}}}',
         "5000 digits": SCENE + f'"camera": {5000 * "1"}}}',
         "infinite heights": FRAME + '{"deck_z_m": 1e999}}}',
-        "without the frame": SCENE + '"frames": {}}',
-        "wrong frames": SCENE + '"frames": [1]}',
-        "truth that is none": FRAME + '{"truth": {"left": 3}}}}',
-        "clear image elsewhere": FRAME + '{"truth": {"clear_image": "/etc/x"}}}}',
     },
     ("scene.json", "convert . --plain --out out"): {"deep": DEEP},
     ("x.onnx", "run . --out out --detector ufld --dehazer x.onnx"): {"text": "text", "empty": b""},
     ("x.toml", f"run . --config x.toml {RUN}"): {
         "400 digits": f"seed = {HUGE}",
         "key of 200,000 dots": "a" + 200_000 * ".a" + " = 1\n",
-        "unknown key": "sed = 1",
-        "negative seed": "seed = -1",
     },
     ("c.toml", "convert . --out out --camera c.toml"): {"endless": link_to("/dev/zero")},
     ("labels.json", f"{IMPORT} coco"): {
@@ -227,25 +183,10 @@ CONTENTS = {  # by file and command: each fault of the file's contents
     ("s.toml", "sim --config s.toml --out out"): {"400 digits": f"seed = {HUGE}"},
 }
 DAMAGED = {**AIR, "images/img_D_0_0_1.png": "text"}
-LINKED = {**AIR, "images/img_D_0_0_1.png": link_to("../../secret.png")}
 COMMANDS = {  # what lies in the folder, and the command
-    "nothing": ({}, f"run none {RUN}"),
     "empty folder": ({"sub/x": ""}, f"run sub {RUN}"),
-    "field of view of 180": (AIR, f"run . --fov-deg 180 {RUN}"),
-    "every 0": (A, f"run . --every 0 {RUN}"),
-    "no frames": (A, f"run . --max-frames 0 {RUN}"),
-    "start beyond the end": (A, f"run . --start 99 {RUN}"),
-    "start of nan": (A, f"run . --start nan {RUN}"),
     "simulator without a port": (A, f"run airsim://nowhere:x {RUN}"),
     "results in a folder of 5,000 letters": (A, f"run . --out {5000 * 'a'} {' '.join(FAST)}"),
-    "results on a file": ({**A, "out": "mine"}, f"run . {RUN}"),
-    "results over a foreign report": ({**A, "out/report.html": "mine"}, f"run . --overwrite {RUN}"),
-    "results over a foreign film": ({**A, "out/overlay.mp4": "mine"}, f"run . --resume {RUN}"),
-    "results over a link": ({**A, "out/guidance.jsonl": link_to("nowhere")}, f"run . {RUN}"),
-    "results over their source": ({"out/overlay.mp4": "no film"}, f"run out/overlay.mp4 {RUN}"),
-    "nothing to resume": ({**A, "out/guidance.jsonl": "", "out/.unfinished/run.json": "{"}, f"run . --resume {RUN}"),
-    "convert nothing": ({}, "convert . --out out"),
-    "convert a link": (LINKED, "convert . --out out"),
     "evaluate nothing": ({}, "eval recording ."),
     "evaluate pictures without truth": (A, f"eval recording . {' '.join(FAST)}"),
     "evaluate a recording without truth": (AIR, f"eval recording . {' '.join(FAST)}"),
@@ -264,12 +205,7 @@ COMMANDS |= {
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_no_bad_input_ends_in_a_traceback(name, tmp_path, monkeypatch, capsys):
-    files, command = COMMANDS[name]
-    lay(tmp_path, files)
-    monkeypatch.chdir(tmp_path)
-    with bounded():
-        code = main(command.split())
-    check_line(code, lines_of(capsys))
+    check_refused(tmp_path, *COMMANDS[name], monkeypatch, capsys)
 
 
 NAMES = {b"\xff.png": r"\xff.png", b"\x1b[31m.png": r"\x1b[31m.png", b"[b].png": "[b].png", b"=1+1.png": "=1+1.png"}

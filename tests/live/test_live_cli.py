@@ -13,6 +13,7 @@ from loopback import free_port, picture
 from deckline.cli.main import main
 
 OPTIONS = ["--dehazer", "none", "--detector", "ufld"]
+AUTOPILOT = ["--mavlink", "udp:127.0.0.1:1", "--autopilot", "px4"]
 
 
 @pytest.fixture
@@ -69,11 +70,6 @@ def test_a_signal_ends_a_wait_for_a_stream(number, capsys):
     assert messages[0]["status"] == "stale" and "messages:" in capsys.readouterr().err
 
 
-def test_a_duration_ends_it(capsys):
-    assert main(["live", f"udp://127.0.0.1:{free_port()}", "--duration", "0.3", *OPTIONS]) == 0
-    assert "messages:" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize(
     "args, named",
     [
@@ -84,6 +80,12 @@ def test_a_duration_ends_it(capsys):
         (["camera:0", "--poses", "udp://127.0.0.1:5601"], "--camera"),
         (["airsim://127.0.0.1:1", "--poses", "udp://127.0.0.1:5601"], "leave"),
         (["nothing.mp4"], "nothing.mp4"),
+        (["camera:0", "--mavlink", "udp:127.0.0.1:1"], "--autopilot"),
+        (["camera:0", "--autopilot", "px4"], "--mavlink"),
+        (["camera:0", "--poses", "mavlink"], "--mavlink"),
+        (["camera:0", "--mavlink", "udp:nowhere", "--autopilot", "px4"], "udp:nowhere"),
+        (["camera:0", "--mavlink", "udp:127.0.0.1:1", "--autopilot", "betaflight"], "betaflight"),
+        (["camera:0", *AUTOPILOT, "--poses", "mavlink", "--origin", "1", "2", "3"], "--origin"),
     ],
 )
 def test_wrong_use_is_one_line(args, named, capsys):

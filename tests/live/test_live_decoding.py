@@ -1,6 +1,7 @@
 """Pictures of MPEG transport streams: whole, damaged, of senders that change, and of what is no stream."""
 
 import io
+import re
 import socket
 import threading
 import time
@@ -173,7 +174,7 @@ def captured(address):
     camera, items = open_camera(address, None, WallClock(), log=lambda line: None), []
 
     def collect():
-        for item in camera.items():
+        for item in camera.captures():
             items.append(item)
 
     thread = threading.Thread(target=collect)
@@ -242,13 +243,14 @@ def test_pictures_beyond_the_bound_are_refused_undecoded(decode, monkeypatch):
 
 FILES = ["file:///etc/hosts", "/etc/hosts", "http://h/a.m3u8", "https://h/a.m3u8", "hls+http://h/a", "concat:a|b"]
 FILES += ["data:text/plain,a", "subfile,,start,0,end,9,,:/etc/hosts", "udp:/etc/hosts", "rtp:///etc/hosts", "pipe:0"]
+FILES += ["camera:x", "camera:0?gain=3", "/dev/null", "udp://127.0.0.1", "udp://u@h:5/x"]
 
 
 @pytest.mark.parametrize("address", FILES)
 def test_no_address_is_a_file_or_a_playlist(address):
-    with pytest.raises(ValueError, match=address.replace("|", r"\|").replace("+", r"\+")):
+    with pytest.raises(ValueError, match=re.escape(address)):
         open_camera(address, None, WallClock())
-    assert not is_camera(address) or address.startswith(("udp:", "rtp:"))
+    assert not is_camera(address) or address.startswith(("udp:", "rtp:", "camera:"))
 
 
 @pytest.mark.parametrize("target", ["file://{}", "http://127.0.0.1:{port}/a.m3u8", "udp://127.0.0.1:{port}", "{}"])

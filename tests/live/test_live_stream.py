@@ -127,14 +127,6 @@ def test_pictures_of_another_size_are_scaled_or_refused(size, scaled):
             assert not answers(messages)
 
 
-def test_a_stream_without_a_camera_file_gives_lines_in_pixels():
-    port = free_port()
-    with Sender(port), flying(port, mounted=None) as (messages, _):
-        wait_until(lambda: answers(messages))
-    message = answers(messages)[0]
-    assert message["reasons"] == ["no camera"] and message["lines"]["left"]["pixel_line"]
-
-
 def test_a_flight_that_fails_ends_the_session_with_its_error(tmp_path):
     def broken(*_):
         raise RuntimeError("a bug")
@@ -145,12 +137,6 @@ def test_a_flight_that_fails_ends_the_session_with_its_error(tmp_path):
         chain.detector = broken
         with pytest.raises(RuntimeError, match="a bug"):
             LiveSession(camera, chain, Outputs(lambda record: None, lambda line: None)).run(30.0)
-
-
-@pytest.mark.parametrize("address", ["camera:x", "camera:0?gain=3", "/dev/null", "udp://127.0.0.1", "udp://u@h:5/x"])
-def test_a_wrong_address_is_named(address):
-    with pytest.raises(ValueError, match=address.replace("?", r"\?")):
-        open_camera(address, None, WallClock())
 
 
 def test_two_programs_cannot_take_one_stream():

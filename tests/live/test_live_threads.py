@@ -5,7 +5,7 @@ import threading
 import pytest
 from loopback import wait_until
 
-from deckline.live.clock import StreamClock, WallClock
+from deckline.live.clock import StreamClock
 from deckline.live.mailbox import BackgroundWriter, Mailbox
 
 
@@ -80,8 +80,3 @@ def test_capture_times_ascend_and_follow_a_wrong_frame_rate():
         captured_s = clock.capture_time(index / 30, arrival_s, waited=True)
         assert before_s < captured_s <= arrival_s < captured_s + 0.15
         before_s = captured_s
-
-
-def test_the_wall_clock_follows_the_monotonic_one():
-    wall = WallClock()
-    assert wall.at(5.0) - wall.at(2.0) == pytest.approx(3.0, abs=1e-6)

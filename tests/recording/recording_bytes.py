@@ -44,3 +44,14 @@ def recording(folder: Path, rows: list[str], files: dict[str, bytes], header: st
     for name, data in files.items():
         (folder / "images" / name).write_bytes(data)
     return folder
+
+
+def images(folder: Path, names: list[str], camera: str = CAMERA, **tables: str) -> Path:
+    """A folder of these images with camera.toml, and poses.csv and times.csv where they are given."""
+    for name in names:
+        (folder / name).write_bytes(png(PIXELS))
+    if camera:
+        (folder / "camera.toml").write_text(camera)
+    for stem, text in tables.items():
+        (folder / f"{stem}.csv").write_text(text)
+    return folder

@@ -33,10 +33,9 @@ from scipy.spatial.transform import Rotation
 from approach_scene import CAMERA, chain
 from deckline.cli.main import main
 from deckline.config import Navigation
-from deckline.detect import DETECTORS
+from deckline.geometry import camera_mount
 from deckline.recording import RecordingError, open_recording
 from deckline.recording.ros_messages import decode_depth, decode_picture
-from deckline_lab.rivals.classical import ClassicalDetector
 
 KINDS = ("mcap", "db3", "bag")
 
@@ -69,50 +68,6 @@ def test_a_bag_gives_the_frames_that_were_recorded(kind, poses, tmp_path):
     assert vars(frames[0].camera) == vars(CAMERA)
     assert_same([source.load(2), source.load(0)])  # any frame can be loaded
     assert "pictures /camera/image" in source.notes[0] and len(source.notes) == 1
-
-
-def test_a_bag_is_guided_as_a_folder_of_the_same_pictures(tmp_path, capsys, monkeypatch):
-    monkeypatch.setitem(DETECTORS, "classical", lambda engine: ClassicalDetector())  # finds lines in drawings
-    folder = tmp_path / "pictures"
-    folder.mkdir()
-    table = ["file,time_s,x_m,y_m,z_m,qw,qx,qy,qz"]
-    for index in range(COUNT):
-        found = seen(index)
-        cv2.imwrite(str(folder / f"{index}.png"), found.image_rgb[:, :, ::-1])
-        place, turn = found.world_from_body.translation, found.world_from_body.rotation.as_quat(scalar_first=True)
-        table.append(f"{index}.png,{START_S + 0.25 * index}," + ",".join(map(repr, map(float, [*place, *turn]))))
-    (folder / "poses.csv").write_text("\n".join(table) + "\n")
-    camera = "".join(f"{key} = {getattr(CAMERA, key)}\n" for key in ("width", "height", "fx", "fy", "cx", "cy"))
-    (folder / "camera.toml").write_text(camera)
-    bag = write(tmp_path / "flight", "mcap", rows(mount=False))
-    options = ["--deck-z-m", "-20", "--dehazer", "none", "--detector", "classical"]
-    columns = {}
-    for name, source in (("bag", bag), ("folder", folder)):
-        assert main(["run", str(source), "--out", str(tmp_path / name), *options]) == 0
-        lines = (tmp_path / name / "guidance.csv").read_text().splitlines()
-        keys = lines[0].split(",")
-        picked = [keys.index(key) for key in ("lateral_deviation_m", "height_above_deck_m", "heading_error_deg")]
-        columns[name] = [[float(line.split(",")[i]) for i in picked] for line in lines[1:]]
-    assert "taken to look forward" in capsys.readouterr().err
-    np.testing.assert_allclose(columns["bag"], columns["folder"], atol=1e-4)
-
-
-def test_axes_are_those_of_rep_103(tmp_path):
-    """Level and heading east, 1 m east, 2 m north and 30 m up of the origin; then 90 degrees to the left: north."""
-    poses = [
-        {"position": vector([1, 2, 30]), "orientation": quaternion(Rotation.from_euler("z", yaw))}
-        for yaw in (0, np.pi / 2)
-    ]
-    written = [("/pose", POSE, t, {"header": header(t, "map"), "pose": poses[t - 1]}) for t in (1, 2)]
-    pictures = [("/image", IMAGE, t, image(t, seen(0).image_rgb)) for t in (1, 2)]
-    infos = [("/camera_info", INFO, t, info(t)) for t in (1, 2)]
-    east, north = open_recording(
-        write(tmp_path / "a", "mcap", [*written, *pictures, *infos]), navigation=Navigation(2.0)
-    )
-    np.testing.assert_allclose(east.world_from_body.translation, [2, 1, -30])
-    np.testing.assert_allclose(east.world_from_body.rotation.apply([1, 0, 0]), [0, 1, 0], atol=1e-12)
-    np.testing.assert_allclose(east.world_from_body.rotation.apply([0, 0, 1]), [0, 0, 1], atol=1e-12)
-    np.testing.assert_allclose(north.world_from_body.rotation.as_matrix(), np.eye(3), atol=1e-12)
 
 
 def test_names_say_that_axes_point_down_already(tmp_path):
@@ -195,13 +150,19 @@ def test_compressed_depth_is_refused(tmp_path):
 
 
 def test_without_camera_info_lines_are_in_pixels(tmp_path):
-    path = write(tmp_path / "a", "mcap", rows(camera_info=False))
+    path = write(tmp_path / "a", "mcap", rows(camera_info=False, mount=False))
     source = open_recording(path)
     assert not source.load(0).camera.known
     assert any("no camera_info" in note and "--camera FILE" in note for note in source.notes)
     (tmp_path / "camera.toml").write_text("width = 640\nheight = 360\nfx = 500\nfy = 500\ncx = 319.5\ncy = 179.5\n")
     frame = open_recording(path, camera_file=tmp_path / "camera.toml").load(0)
     assert frame.camera.fx == 250.0 and frame.world_from_body is not None
+
+
+def test_without_a_mount_the_camera_points_forward(tmp_path):
+    source = open_recording(write(tmp_path / "a", "mcap", rows(mount=False)))
+    assert any("no transform from base_link" in note for note in source.notes)
+    np.testing.assert_array_equal(source.load(0).body_from_camera.as_matrix(), camera_mount().as_matrix())
 
 
 def test_a_stated_field_of_view_stands_for_camera_info(tmp_path):

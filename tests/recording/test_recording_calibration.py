@@ -1,10 +1,9 @@
 import cv2
 import numpy as np
 import pytest
-from recording_bytes import PIXELS, png
 
 from deckline.geometry import Camera
-from deckline.recording import RecordingError, open_recording
+from deckline.recording import RecordingError
 from deckline.recording.camera_file import format_camera, read_camera_file
 
 MATRIX = np.array([[438.78, 0.0, 305.59], [0.0, 437.3, 243.74], [0.0, 0.0, 1.0]])
@@ -78,15 +77,6 @@ def test_camera_toml_names_a_calibration_and_adds_the_mount(tmp_path):
     mounted = read_camera_file(tmp_path / "camera.toml")
     assert (mounted.camera.distortion, mounted.deck_z_m) == ((0.1,) * 8, -3.0)
     np.testing.assert_array_equal(mounted.body_from_camera.translation, [1.0, 2.0, 3.0])
-
-
-def test_a_calibration_lies_beside_images_and_is_scaled(tmp_path):
-    (tmp_path / "a.png").write_bytes(png(np.tile(PIXELS[:1, :1], (240, 320, 1))))
-    write(tmp_path, ros("plumb_bob", [0.0] * 5))
-    source = open_recording(tmp_path)
-    camera = source.load(0).camera
-    np.testing.assert_allclose([camera.fx, camera.cx], [438.78 / 2, (305.59 + 0.5) / 2 - 0.5])
-    assert "640x480 px are scaled to the pictures' 320x240" in source.notes[-1]
 
 
 @pytest.mark.parametrize(

@@ -66,15 +66,6 @@ def test_bad_camera_file_says_what_and_where(tmp_path, text, message):
     assert "\n" not in str(error.value)
 
 
-def test_file_that_is_no_text_or_missing(tmp_path):
-    path = tmp_path / "camera.toml"
-    for content in (None, b"\xff\xfe\x00"):
-        if content is not None:
-            path.write_bytes(content)
-        with pytest.raises(RecordingError, match=str(path)):
-            read_camera_file(path)
-
-
 finite = st.floats(-1e6, 1e6)
 
 

@@ -86,7 +86,7 @@ def test_exif_orientation_is_applied(tmp_path, form):
     np.testing.assert_array_equal(read(tmp_path, turned.getvalue()), upright)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.sampled_from([".png", ".jpg", ".bmp", ".ppm", ".tif", ".webp"]), st.floats(0.0, 1.0))
 def test_no_part_of_a_file_is_used_as_an_image(tmp_path_factory, suffix, part):
     data = encode(suffix)
@@ -97,7 +97,7 @@ def test_no_part_of_a_file_is_used_as_an_image(tmp_path_factory, suffix, part):
         read_image(path)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.sampled_from([".png", ".jpg", ".bmp", ".ppm", ".tif", ".webp"]), st.data())
 def test_damaged_bytes_are_an_image_or_a_value_error(tmp_path_factory, suffix, data):
     whole = bytearray(encode(suffix))

@@ -1,7 +1,7 @@
 from dataclasses import replace
 
 import pytest
-from recording_bytes import PIXELS, png, recording, row
+from recording_bytes import PIXELS, images, png, recording, row
 
 from deckline.cli.main import main
 from deckline.config import Approach, Deck, RunConfig, RunwaySurvey
@@ -19,10 +19,8 @@ def folder(tmp_path):
     """A folder of two images with a runway.toml."""
     folder = tmp_path / "flight"
     folder.mkdir()
-    for name in ("a.png", "b.png"):
-        (folder / name).write_bytes(png(PIXELS))
     (folder / "runway.toml").write_text(STATED)
-    return folder
+    return images(folder, ["a.png", "b.png"], camera="")
 
 
 def test_a_recording_states_its_deck(folder):

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from recording_bytes import CAMERA, PIXELS, png
+from recording_bytes import images
 
 from deckline.recording import RecordingError, open_recording, select_frames
 
@@ -8,12 +8,8 @@ from deckline.recording import RecordingError, open_recording, select_frames
 @pytest.fixture
 def folder(tmp_path):
     """Eight images, half a second apart, of a clock that began at 100 s."""
-    for index in range(8):
-        (tmp_path / f"{index}.png").write_bytes(png(PIXELS))
-    (tmp_path / "camera.toml").write_text(CAMERA)
     rows = "".join(f"{index}.png,{100 + index / 2}\n" for index in range(8))
-    (tmp_path / "times.csv").write_text("file,time_s\n" + rows)
-    return tmp_path
+    return images(tmp_path, [f"{index}.png" for index in range(8)], times="file,time_s\n" + rows)
 
 
 @pytest.mark.parametrize(

@@ -32,10 +32,6 @@ def test_numbers_are_those_that_python_reads(tmp_path_factory, rows):
     np.testing.assert_array_equal(found.take(some).numbers(["a"])[:, 0], [a for a, _, _ in rows[::2]])
 
 
-def test_other_spellings_of_places_are_one_column(tmp_path):
-    assert table(tmp_path, "Latitude,lon,ALT\n1,2,3\n").header == ["lat_deg", "lon_deg", "alt_m"]
-
-
 @pytest.mark.parametrize(
     ("text", "named"),
     [

@@ -70,6 +70,7 @@ def check_same(read, written: Frame) -> None:
 def test_what_is_written_reads_back(tmp_path, image_format):
     frames = [frame(index) for index in range(3)]
     frames.append(frame(3, camera=Camera(3, 2, 9.0, 9.0, 1.0, 0.5, (0.1, 0.0, 0.0, 0.0, 0.0))))
+    frames += [frame(4, time_s=0.1), frame(5, time_s=0.1)]  # of the time of the one before
     write(tmp_path / "rec", frames, image_format=image_format, scene={"seed": 4})
     for read, written in zip(open_recording(tmp_path / "rec"), frames, strict=True):
         check_same(read, written)
@@ -107,13 +108,6 @@ def test_scene_holds_the_camera_once_and_no_infinity(tmp_path):
     assert read[2].truth is None
 
 
-def test_frames_of_one_time_keep_apart(tmp_path):
-    frames = [frame(index, time_s=0.0) for index in range(3)]
-    write(tmp_path, frames)
-    for read, written in zip(open_recording(tmp_path), frames, strict=True):
-        check_same(read, written)
-
-
 def test_without_scene_json_times_keep_their_microseconds(tmp_path):
     write(tmp_path, [frame(0, time_s=1720000000.000001), frame(1, time_s=1720000000.000002)])
     (tmp_path / "scene.json").unlink()
@@ -123,7 +117,7 @@ def test_without_scene_json_times_keep_their_microseconds(tmp_path):
 numbers = st.floats(-1e7, 1e7)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.tuples(numbers, numbers, numbers), st.tuples(*[st.floats(-1, 1)] * 4), st.floats(0, 2e9))
 def test_pose_and_time_round_trip(tmp_path_factory, position, quaternion, time_s):
     if np.linalg.norm(quaternion) < 1e-3:
@@ -226,7 +220,6 @@ def test_folder_that_cannot_be_written(tmp_path):
     [
         ({"image_format": "gif"}, "image_format.*gif"),
         ({"scene": {"frames": {}}}, "frames"),
-        ({"scene": {"gust": math.nan}}, "JSON"),
     ],
 )
 def test_wrong_options_say_what_is_wrong(tmp_path, options, text):

@@ -213,7 +213,7 @@ def test_nothing_comes_from_outside():
     assert "@import" not in html and "url(" not in html and "fetch(" not in html
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.text(st.characters(exclude_categories=["Cs", "Cc"]), min_size=1, max_size=30))
 def test_texts_from_outside_stay_texts(text):
     plain = Tags(report([record(), skipped_record(BadFrame("b", "c"))], source="plain", **{"note 1": "n"}))

@@ -5,19 +5,26 @@ import pytest
 
 from deckline.files import lock_folder
 from deckline.report.overlay import Panels
-from deckline.report.run_folder import JSONL, VIDEO, PictureSample, check_apart, resume_folder, start_folder
+from deckline.report.run_folder import (
+    JSONL,
+    MOST_PICTURES,
+    VIDEO,
+    PictureSample,
+    check_apart,
+    resume_folder,
+    start_folder,
+)
 
 SMALL = Panels(np.zeros((8, 8, 3), dtype=np.uint8), np.zeros((8, 8, 3), dtype=np.uint8))
 
 
-@pytest.mark.parametrize("count", [1, 7, 8, 9, 100, 1000])
+@pytest.mark.parametrize("count", [1, MOST_PICTURES, MOST_PICTURES + 1, 1000])
 def test_pictures_are_few_and_evenly_spread_however_long_the_run(tmp_path, count):
-    sample = PictureSample(tmp_path / "pictures", most=8)
+    sample = PictureSample(tmp_path / "pictures")
     for index in range(count):
         sample.add(index, SMALL)
     indices = sample.indices()
-    assert len(indices) <= 8
-    assert len(indices) >= min(count, 4)
+    assert min(count, MOST_PICTURES // 2) <= len(indices) <= MOST_PICTURES
     assert indices[0] == 0
     assert len(set(np.diff(indices))) <= 1
     assert len(list((tmp_path / "pictures").iterdir())) == 2 * len(indices)
@@ -25,16 +32,13 @@ def test_pictures_are_few_and_evenly_spread_however_long_the_run(tmp_path, count
 
 
 def test_a_sample_taken_over_goes_on_as_if_never_stopped(tmp_path):
-    whole, stopped = PictureSample(tmp_path / "a", most=8), PictureSample(tmp_path / "b", most=8)
-    for index in range(50):
+    whole, stopped = PictureSample(tmp_path / "a"), PictureSample(tmp_path / "b")
+    for index in range(300):
         whole.add(index, SMALL)
-        if index == 30:
-            stopped = PictureSample(tmp_path / "b", most=8)
+        if index == 200:
+            stopped = PictureSample(tmp_path / "b")
         stopped.add(index, SMALL)
     assert stopped.indices() == whole.indices()
-
-    with pytest.raises(ValueError, match=r"pictures.* 1"):
-        PictureSample(tmp_path, most=1)
 
 
 @pytest.mark.parametrize("name", [VIDEO, "report.html", ".unfinished"])

@@ -1,12 +1,11 @@
 """`deckline live`."""
 
 import signal
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, closing, contextmanager
+from collections.abc import Callable
+from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
-from types import FrameType
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
@@ -16,6 +15,7 @@ from deckline.config import RunConfig
 from deckline.extras import needs_extra
 from deckline.files import lock_folder, print_line
 from deckline.flight import Flight
+from deckline.interrupts import on_first_signal
 from deckline.live.clock import WallClock
 from deckline.live.folder import FlightRecorder, open_output
 from deckline.live.opening import is_camera, open_camera
@@ -106,7 +106,7 @@ def live(
         )
         outputs = replace(outputs, views=stack.enter_context(views))
         session = LiveSession(opened, flight, outputs, poses=link, wall=wall, stale_s=stale_s)
-        with _stop_on_signal(session):
+        with on_first_signal(session.stop, signal.SIGINT, signal.SIGTERM):
             try:
                 summary = session.run(duration)
             finally:
@@ -180,28 +180,6 @@ def _pose_losses(poses: PoseSource | None) -> list[str]:
     if not isinstance(poses, UdpPoses) or not poses.refused:
         return []
     return [f"{poses.refused} poses refused; the last one: {poses.reason}"]
-
-
-@contextmanager
-def _stop_on_signal(session: LiveSession) -> Iterator[None]:
-    """SIGINT and SIGTERM end the session; a second one is no longer held back."""
-    signals = (signal.SIGINT, signal.SIGTERM)
-    before: Any = [signal.getsignal(number) for number in signals]
-
-    def restore() -> None:
-        for number, handler in zip(signals, before, strict=True):
-            signal.signal(number, handler)
-
-    def stop(_number: int, _frame: FrameType | None) -> None:
-        restore()
-        session.stop()
-
-    for number in signals:
-        signal.signal(number, stop)
-    try:
-        yield
-    finally:
-        restore()
 
 
 COMMANDS = {"live": live}

@@ -1,4 +1,4 @@
-"""Keeps the frames that were flown, as a folder of images that `deckline run` answers in the same way."""
+"""Writes the frames that were flown as a folder of images that `deckline run` answers in the same way."""
 
 import re
 from dataclasses import astuple

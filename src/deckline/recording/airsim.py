@@ -1,6 +1,6 @@
 """Recordings in AirSim's layout: airsim_rec.txt, images/, and our optional scene.json.
 
-airsim_rec.txt is tab-separated and read by its header: time in milliseconds (a fraction is kept), position in metres
+airsim_rec.txt is tab-separated and read by its header: time in milliseconds with a fraction, position in metres
 (North-East-Down), quaternion w, x, y, z. The pose is the vehicle's (world_from_body), not the camera's. ImageFile joins
 with `;` the names img_<vehicle>_<camera>_<type>_<ns>.<ext> of images/, of one or more cameras and types.
 Source: AirSim, "Recording" in its documentation; image types in its "Image APIs".

@@ -171,15 +171,11 @@ def open_reader(path: Path) -> tuple[Any, list[str]]:
         files = sorted(path.glob("*.mcap"))
     with refuse(lambda reason: RecordingError(f"{path}: not a ROS bag, or damaged: {reason}")):
         repaired: list[Any] = [_TruncatedFile(file, end) if (end := _intact_bytes(file)) else file for file in files]
-        reader = AnyReader(repaired, default_typestore=get_typestore(Stores.ROS2_HUMBLE))
+        reader: Any = AnyReader(repaired, default_typestore=get_typestore(Stores.ROS2_HUMBLE))
         reader.open()
-    weakref.finalize(reader, _close, reader.stack)
+    weakref.finalize(reader, reader.stack.close)
     truncated = (file for file in repaired if isinstance(file, _TruncatedFile))
     return reader, [f"{file.path}: cut short: its first {file.end:,} bytes are read" for file in truncated]
-
-
-def _close(stack: Any) -> None:
-    stack.close()
 
 
 def _intact_bytes(path: Path) -> int:

@@ -223,7 +223,7 @@ def open_bag(
         else:
             mount = _read_mount(found.tree, frame, body, f"{path}: mount", navigation)
             if mount is None:
-                notes.append(f"{path}: no transform from {body} to {frame!r}: the camera is taken to look forward")
+                notes.append(f"{path}: no transform from {body} to {frame!r}: the camera is taken to point forward")
     track = track if track is not None else _read_track(path, sources, found, body, navigation)
     times = np.array(found.times_s[pictures.name])
     notes += [f"{path}: no poses: no positions of the aircraft"] if track is None else track.notes_on(times)

@@ -70,7 +70,7 @@ def make_pinhole(width: int, height: int, fov_deg: float) -> MountedCamera:
 def note_pinhole(name: str, camera: Camera, fov_deg: float) -> str:
     """The note on a camera that `make_pinhole` made for a source."""
     size = f"{camera.width}x{camera.height} px"
-    return f"{name}: the camera is taken for a pinhole of {fov_deg:g} degrees across {size} that looks forward"
+    return f"{name}: the camera is taken for a pinhole of {fov_deg:g} degrees across {size} that points forward"
 
 
 def check_fov(camera: Camera, fov_deg: float | None, where: str) -> None:

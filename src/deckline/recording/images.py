@@ -103,12 +103,12 @@ def _scale_16_bits(data: bytes) -> NDArray[np.uint8]:
     return np.rint(values[:, :, ::-1] * (255.0 / scale)).astype(np.uint8)
 
 
-def encode_image(image_rgb: NDArray[np.uint8], image_format: str) -> bytes:
-    """RGB uint8 (H, W, 3) -> bytes of a "png", "ppm" or "jpg" file."""
+def encode_image(image_rgb: NDArray[np.uint8], image_format: str, jpeg_quality: int = JPEG_QUALITY) -> bytes:
+    """RGB uint8 (H, W, 3) -> bytes of a "png", "ppm" or "jpg" file; a ValueError for an image that has none."""
     if image_format == "ppm":
         height, width = image_rgb.shape[:2]
         return b"P6\n%d %d\n255\n" % (width, height) + np.ascontiguousarray(image_rgb).tobytes()
-    options = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY] if image_format == "jpg" else []
+    options = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality] if image_format in ("jpg", "jpeg") else []
     done, buffer = cv2.imencode(f".{image_format}", image_rgb[:, :, ::-1], options)
     if not done:
         raise ValueError(f"OpenCV could not encode an image of shape {image_rgb.shape}")

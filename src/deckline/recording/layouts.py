@@ -104,18 +104,10 @@ def open_recording(
     return source
 
 
-def _is_bag(path: Path) -> bool:
-    from deckline.recording.bag import is_bag
-
-    return is_bag(path) and not (path.is_dir() and list_images(path))
-
-
 def _open_images(
     path: Path, poses_file: Path | str | None, options: ReadOptions, navigation: Navigation
-) -> "ImageFolder | Video":
+) -> ImageFolder | Video:
     """A folder, a single image or a video, with the camera and the poses given or found beside them."""
-    from deckline.recording.video import Video
-
     if path.is_dir() and not list_images(path):
         inside = next((child for child in sorted(path.iterdir()) if (child / RECORD_FILE).exists()), None)
         hint = f"; did you mean {inside}/?" if inside else ""

@@ -95,13 +95,15 @@ def truth_to_mapping(truth: Truth, clear_image: str | None) -> dict[str, Any]:
         **{name: transform_to_mapping(to) for name in POSES if (to := getattr(truth, name)) is not None},
         "conditions": dict(truth.conditions) or None,
     }
-    kept = {name: value for name, value in known.items() if value is not None or (clear_air and name == "visibility_m")}
+    given = {
+        name: value for name, value in known.items() if value is not None or (clear_air and name == "visibility_m")
+    }
     sides = {"left": truth.left, "right": truth.right}
     lines = {
         side: None if x is None else {key: value.tolist() for key, value in vars(x).items()}
         for side, x in sides.items()
     }
-    return {**lines, **kept}
+    return {**lines, **given}
 
 
 def truth_from_mapping(values: Any, clear_rgb: np.ndarray | None = None) -> Truth:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deckline.atomic import write_atomic
+from deckline.recording.images import encode_image
 
 Image = NDArray[np.uint8]
 Colour = tuple[int, int, int]
@@ -28,6 +29,7 @@ PANEL: Colour = (29, 36, 46)
 EDGE: Colour = (62, 74, 90)
 
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg")
+JPEG_QUALITY = 95  # of `write_picture`
 SHIFT = 3  # coordinates are passed in 1/8 px
 # OpenCV 5 has an outline font, OpenCV 4 stroke fonts only.
 OUTLINE_FONT: Any = cv2.FontFace("sans") if hasattr(cv2, "FontFace") else None
@@ -49,20 +51,7 @@ def write_picture(path: Path, image: Image) -> None:
         OSError: the disk refuses.
     """
     check_picture_name(path, "a picture")
-    write_atomic(path, encode_picture(image, path.suffix.lower()))
-
-
-def encode_picture(image: Image, suffix: str, jpeg_quality: int = 95) -> bytes:
-    """An RGB image (H, W, 3) as a file with this suffix holds it.
-
-    Raises:
-        ValueError: an image that cannot be encoded.
-    """
-    options = [cv2.IMWRITE_JPEG_QUALITY, jpeg_quality] if suffix in (".jpg", ".jpeg") else []
-    done, data = cv2.imencode(suffix, cv2.cvtColor(image, cv2.COLOR_RGB2BGR), options)
-    if not done:
-        raise ValueError(f"a picture of shape {image.shape} cannot be encoded as {suffix}")
-    return data.tobytes()
+    write_atomic(path, encode_image(image, path.suffix.lower().removeprefix("."), JPEG_QUALITY))
 
 
 def blank(width: int, height: int) -> Image:

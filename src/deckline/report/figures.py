@@ -7,15 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.report.bands import RANGE_M, by_band, share
-from deckline.report.records import GUIDANCE, KNOWN_TRUE, LINES, STAGES, Record, lookup
+from deckline.report.records import GUIDANCE, KNOWN_TRUE, LINE_ERRORS, LINES, STAGES, Record, lookup
 from deckline.types import LineVisibility
 
 NONE = "–"
-LINE_ERRORS = (
-    ("direction_error_deg", "direction"),
-    ("lateral_error_at_ramp_m", "sideways at the ramp"),
-    ("height_error_m", "height"),
-)
 
 
 class Tally:
@@ -46,7 +41,7 @@ def error_rows(records: list[Record]) -> list[tuple[str, ...]]:
         errors, sigmas = _gather(records, ("errors", "guidance", key), ("guidance", key, "sigma"))
         within = [np.mean(np.abs(errors) <= k * sigmas) for k in (1, 2)] if len(errors) else []
         rows.append((GUIDANCE[key], key, errors, np.mean(errors) if len(errors) else None, within))
-    for key, what in LINE_ERRORS:
+    for key, what in LINE_ERRORS.items():
         for line in LINES:  # sizes without a sign, and no sigma is given
             (errors,) = _gather(records, ("errors", key, line))
             rows.append((f"{line.capitalize()} line, {what}", key, errors, None, [None, None]))

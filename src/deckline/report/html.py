@@ -33,7 +33,7 @@ def report_html(
 
     Args:
         info: label to value, in the order shown: source, command, version, weights, configuration, date. "source"
-            is the heading, "date" and "version" stand below it; "frames" is repeated beside their number, values whose
+            is the heading, "date" and "version" are below it; "frames" is repeated beside their number, values whose
             label begins with "note" above everything else.
         records: records of guidance.jsonl, perhaps thinned out evenly: plots and figures are made of these.
         pictures: for the slider: index of a frame's record -> two JPEG files, as the camera saw it, and dehazed with

@@ -39,13 +39,15 @@ GUIDANCE = {  # what is written of the guidance, and what people call it
 }
 KNOWN_TRUE = tuple(name for name in GUIDANCE if not name.endswith("_m_s"))  # one frame's truth has no rates
 UNITS = ("_m_s", "_deg", "_m")
-FORMULA = ("=", "+", "-", "@")  # how texts begin that spreadsheets compute; an apostrophe keeps them texts
+FORMULA = ("=", "+", "-", "@")  # how texts begin that spreadsheets compute; an apostrophe makes them texts
 LINES = (*SIDES, "centre")
-LINE_ERRORS = ("direction_error_deg", "lateral_error_at_ramp_m", "height_error_m")
+LINE_ERRORS = {  # of each line, and what people call it
+    "direction_error_deg": "direction",
+    "lateral_error_at_ramp_m": "sideways at the ramp",
+    "height_error_m": "height",
+}
 STAGES = ("dehaze", "detect", "localize", "guide", "track")
-
 NO_COLUMNS: Mapping[str, Iterable[str | int]] = {}
-
 SKIPPED = "skipped"  # what a frame that cannot be used counts as
 
 Record = dict[str, Any]

@@ -3,18 +3,17 @@
 import signal
 import threading
 from collections.abc import Iterator
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
-from types import FrameType
-from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from deckline.files import lock_folder, printable
 from deckline.flight import FrameResult
+from deckline.interrupts import on_first_signal
 from deckline.recording import BadFrame, FrameError, Recording, Source
 from deckline.report.provenance import Chain, settings_of
 from deckline.report.records import SKIPPED, FlightView, Record, frame_record, skipped_record
@@ -25,8 +24,6 @@ from deckline.types import Diagnostic, Frame, Reason
 INTERRUPTED, NOTHING_USABLE = 130, 1  # exit codes
 RESUMED = Diagnostic(Reason.RESUMED, "the run was interrupted here: the track began anew")
 
-Counts = dict[str, int]
-
 
 @dataclass(frozen=True)
 class RunSummary:
@@ -34,7 +31,7 @@ class RunSummary:
 
     frames: int
     """Records written, skipped frames included."""
-    counts: Counts
+    counts: dict[str, int]
     """Records by status, and "skipped"."""
     written: list[Path]
     """The files of the run."""
@@ -123,7 +120,7 @@ def _fly(
     """Process every frame that is still missing; returns whether Ctrl-C ended it too early."""
     first = min(folder.filmed, folder.recorded)
     with ExitStack() as stack:
-        stopped = stack.enter_context(_catch_ctrl_c(source))
+        stopped = _catch_ctrl_c(source, stack)
         progress = stack.enter_context(_make_progress())
         task = progress.add_task("frames", total=total, completed=first, counts=_format_counts(writer.counts))
         try:
@@ -148,6 +145,19 @@ def _fly(
         except KeyboardInterrupt:
             return True
     return stopped.is_set() and writer.frames != total
+
+
+def _catch_ctrl_c(source: Source, stack: ExitStack) -> threading.Event:
+    """An event that the first Ctrl-C sets, so that the current frame is finished; a live source's wait ends too."""
+    event = threading.Event()
+
+    def stop() -> None:
+        event.set()
+        source.stop()
+
+    if threading.current_thread() is threading.main_thread():  # elsewhere the caller watches for signals
+        stack.enter_context(on_first_signal(stop, signal.SIGINT))
+    return event
 
 
 def _read_items(source: Source, first: int, total: int | None) -> Iterator[Frame | BadFrame]:
@@ -187,7 +197,7 @@ def _make_record(outcome: FrameResult | BadFrame, chain: Chain) -> Record:
     return frame_record(outcome, chain.config.approach)
 
 
-def _format_counts(counts: Counts) -> str:
+def _format_counts(counts: dict[str, int]) -> str:
     return ", ".join(f"{count} {kind}" for kind, count in counts.items() if count) or "none"
 
 
@@ -196,27 +206,3 @@ def _make_progress() -> Progress:
     return Progress(
         words, BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), counts, console=Console(stderr=True)
     )
-
-
-@contextmanager
-def _catch_ctrl_c(source: Source) -> Iterator[threading.Event]:
-    """An event that the first Ctrl-C sets, so that the current frame is finished; the second one interrupts.
-
-    The signal also ends a source's wait for its next frame.
-    """
-    event = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
-        yield event  # only the main thread may watch for signals; elsewhere the caller does
-        return
-    before: Any = signal.getsignal(signal.SIGINT)
-
-    def notice(_number: int, _frame: FrameType | None) -> None:
-        event.set()
-        source.stop()
-        signal.signal(signal.SIGINT, before)
-
-    signal.signal(signal.SIGINT, notice)
-    try:
-        yield event
-    finally:
-        signal.signal(signal.SIGINT, before)

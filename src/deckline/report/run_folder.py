@@ -16,7 +16,7 @@ from pathlib import Path
 
 from deckline.atomic import write_atomic
 from deckline.files import MOST_CONFIG_BYTES, parse_plain, read_regular
-from deckline.report.draw import encode_picture
+from deckline.recording.images import encode_image
 from deckline.report.overlay import Panels
 from deckline.report.provenance import Settings
 from deckline.report.records import keep_whole_lines, kind_of, read_records
@@ -191,15 +191,11 @@ class PictureSample:
 
     Args:
         folder: where the pictures lie; those of an interrupted run are taken over.
-        most: pictures, at least 2.
     """
 
-    def __init__(self, folder: Path, most: int = MOST_PICTURES) -> None:
-        if most < 2:
-            raise ValueError(f"most pictures must be at least 2, got {most}")
+    def __init__(self, folder: Path) -> None:
         folder.mkdir(exist_ok=True)
         self._folder = folder
-        self._most = most
         self._every = 1
         self._indices = {int(path.stem) for path in folder.glob("*.marked") if path.stem.isdigit()}
         while len(self._indices) > 1 and all(index % (2 * self._every) == 0 for index in self._indices):
@@ -210,9 +206,9 @@ class PictureSample:
         if index % self._every:
             return
         for path, image in zip(self._files(index), (panels.hazy, panels.marked), strict=True):
-            path.write_bytes(encode_picture(image, ".jpg", JPEG_QUALITY))
+            path.write_bytes(encode_image(image, "jpg", JPEG_QUALITY))
         self._indices.add(index)
-        while len(self._indices) > self._most:
+        while len(self._indices) > MOST_PICTURES:
             self._every *= 2
             for dropped in [index for index in self._indices if index % self._every]:
                 self._indices.remove(dropped)

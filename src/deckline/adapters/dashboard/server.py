@@ -89,7 +89,7 @@ class Dashboard:
         }
         self._mail: Mailbox[tuple[FrameResult | None, Record, float]] = Mailbox()
         self._memory = Memory()
-        self._newest: tuple[Snapshot, float | None, float] | None = None  # moment, its age, and when that was
+        self._newest: tuple[Snapshot, float | None, float] | None = None  # snapshot, its age, and when that was
         self._stopped = threading.Event()
         self._dehazers: dict[str, Dehazer] = {}
         self._dehazed: OrderedDict[tuple[int, str], tuple[bytes, bytes | None, str]] = OrderedDict()
@@ -121,12 +121,12 @@ class Dashboard:
                 continue
             result, record, at_s = item
             try:
-                moment = make_snapshot(number, result, record, pictured)
+                snapshot = make_snapshot(number, result, record, pictured)
             except (ValueError, cv2.error) as error:  # nothing new is shown, and what is shown grows old
                 print_line(f"dashboard: {error}")
                 continue
-            self._memory.add(moment)
-            self._newest = moment, (record.get("live") or {}).get("age_s"), at_s
+            self._memory.add(snapshot)
+            self._newest = snapshot, (record.get("live") or {}).get("age_s"), at_s
             number, pictured = number + 1, number if result is not None else pictured
             self._stopped.wait(STEP_S)
 
@@ -135,7 +135,7 @@ class Dashboard:
         app.add_middleware(SameOrigin)
         if host in LOOPBACK:
             app.add_middleware(TrustedHostMiddleware, allowed_hosts=[*LOOPBACK])
-        app.get("/moment/{number}")(self._get_moment)
+        app.get("/snapshot/{number}")(self._get_snapshot)
         app.get("/picture/{number}/{part}")(self._get_picture)
         ui.page("/", title=f"{source} – deckline", dark=True)(self._show)
         ui.run_with(
@@ -171,15 +171,15 @@ class Dashboard:
         """What is new for a browser that has everything up to snapshot `sent`."""
         new, newest, now_s = self._memory.after(sent), self._newest, time.monotonic()
         news: Record = {"newest": sent, "oldest": self._memory.oldest, "recording": self._is_recording}
-        news |= {"rows": [moment.row for moment in new], "age_s": None, "silent_s": 0.0}
+        news |= {"rows": [snapshot.row for snapshot in new], "age_s": None, "silent_s": 0.0}
         if new:
-            news |= {"newest": new[-1].number, "moment": new[-1].shown}
+            news |= {"newest": new[-1].number, "snapshot": new[-1].shown}
         if newest is not None:
             silent_s = now_s - newest[2]
             news |= {"silent_s": silent_s, "age_s": None if newest[1] is None else newest[1] + silent_s}
         return news
 
-    def _get_moment(self, number: int) -> Response:
+    def _get_snapshot(self, number: int) -> Response:
         return Response(self._find(number).shown, media_type="application/json")
 
     def _get_picture(self, number: int, part: str, dehazer: str = NOT_DEHAZED) -> Response:
@@ -205,10 +205,10 @@ class Dashboard:
             return self._dehazed[key]
 
     def _find(self, number: int) -> Snapshot:
-        moment = self._memory.get(number)
-        if moment is None:
+        snapshot = self._memory.get(number)
+        if snapshot is None:
             raise HTTPException(404)
-        return moment
+        return snapshot
 
 
 class SameOrigin:

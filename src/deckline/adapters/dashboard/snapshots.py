@@ -1,4 +1,4 @@
-"""What the dashboard remembers: what to show of each moment, and two small pictures; the oldest are dropped."""
+"""What the dashboard remembers: what to show of each snapshot, and two small pictures; the oldest are dropped."""
 
 import json
 import threading
@@ -13,9 +13,10 @@ import numpy as np
 from deckline.config import Models
 from deckline.dehaze import Dehazer, dehaze_for_display, downscale_frame
 from deckline.flight import FrameResult
+from deckline.recording.images import encode_image
 from deckline.report.advice import advise
 from deckline.report.annotators import Window, crop_around, find_window, match_contrast, project_centre_line, resize
-from deckline.report.draw import Image, encode_picture
+from deckline.report.draw import Image
 from deckline.report.records import Record, lookup
 from deckline.types import SIDES, Frame
 
@@ -23,13 +24,13 @@ WHOLE_PX = 960  # longer side of a snapshot's picture
 DECK_PX = (480, 270)  # width, height of the magnified deck
 ANY_SCALE = 1e-6  # a deck is magnified however large it is in the picture
 QUALITY = 90  # of the JPEGs
-MEMORY = 192 << 20  # bytes: 1,500 moments of 720p and more, two minutes at 10 a second
+MEMORY = 192 << 20  # bytes: 1,500 snapshots of 720p and more, two minutes at 10 a second
 PLOTTED = (("lateral_deviation_m", "lateral_m"), ("vertical_deviation_m", "vertical_m"))  # value, protection level
 
 
 @dataclass(frozen=True, eq=False)
 class SnapshotPictures:
-    """A moment's frame, small."""
+    """A snapshot's frame, small."""
 
     frame: Frame
     """The frame without its image: every pixel is black."""
@@ -64,7 +65,7 @@ class Snapshot:
 
 
 class Memory:
-    """The last moments; for any thread.
+    """The last snapshots; for any thread.
 
     Args:
         limit: bytes, about; the newest snapshot always stays.
@@ -77,7 +78,7 @@ class Memory:
         self._lock = threading.Lock()
 
     def add(self, snapshot: Snapshot) -> None:
-        """Append the next moment, numbered one higher than the last one."""
+        """Append the next snapshot, numbered one higher than the last one."""
         with self._lock:
             self._snapshots.append(snapshot)
             self._size += snapshot.size
@@ -85,13 +86,13 @@ class Memory:
                 self._size -= self._snapshots.popleft().size
 
     def get(self, number: int) -> Snapshot | None:
-        """The moment of this number; None: forgotten, or not there yet."""
+        """The snapshot of this number; None: forgotten, or not there yet."""
         with self._lock:
             index = number - self._snapshots[0].number if self._snapshots else -1
             return self._snapshots[index] if 0 <= index < len(self._snapshots) else None
 
     def after(self, number: int) -> list[Snapshot]:
-        """The moments that came after this number, oldest first."""
+        """The snapshots that came after this number, oldest first."""
         with self._lock:
             first = self._snapshots[0].number if self._snapshots else 0
             return list(islice(self._snapshots, max(number + 1 - first, 0), None))
@@ -107,10 +108,10 @@ def make_snapshot(number: int, result: FrameResult | None, record: Record, pictu
     """What the dashboard remembers of a result and its record.
 
     Args:
-        number: one higher than the last moment's.
+        number: one higher than the last snapshot's.
         result: of the frame; None: an answer without a frame.
         record: of guidance.jsonl, or a live message.
-        pictured: number of the last moment with a picture.
+        pictured: number of the last snapshot with a picture.
     """
     live: Record = record.get("live") or {}
     time_s = record["time_s"] if not live else live["captured_s"] if result is not None else live["sent_s"]
@@ -165,7 +166,7 @@ def find_marks(result: FrameResult) -> Record:
 
 
 def _to_jpeg(image: Image) -> bytes:
-    return encode_picture(image, ".jpg", QUALITY)
+    return encode_image(image, "jpg", QUALITY)
 
 
 def _from_jpeg(data: bytes) -> Image:

@@ -11,7 +11,7 @@ from deckline.adapters.ros.messages import Message, diagnostics, frame_messages,
 from deckline.config import RunConfig
 from deckline.flight import FrameResult
 from deckline.live.datagrams import parse_udp
-from deckline.report.draw import encode_picture
+from deckline.recording.images import encode_image
 from deckline.report.records import Record
 
 DEFAULT = "127.0.0.1:8765"  # Foxglove's own port
@@ -89,7 +89,7 @@ class FlightPublisher:
         """
         if result is not None:
             frame = result.frame
-            picture = encode_picture(frame.image_rgb, f".{PICTURE}", QUALITY)
+            picture = encode_image(frame.image_rgb, PICTURE, QUALITY)
             messages = frame_messages(frame, picture, PICTURE) + guidance_messages(result, record, self._config)
             time_s = self._time_s = frame.time_s
         elif self._time_s is not None:

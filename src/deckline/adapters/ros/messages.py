@@ -59,9 +59,10 @@ def frame_messages(frame: Frame, picture: bytes, picture_format: str) -> list[Me
     if frame.camera.known:
         messages.append(message(INFO_TOPIC, {"header": head, **camera_values(frame.camera)}))
         mount = _transform(frame.time_s, BODY, CAMERA, UPRIGHT * frame.body_from_camera)
-        moves = [] if frame.world_from_body is None else [(BODY, MAP_FROM_WORLD * frame.world_from_body * UPRIGHT)]
-        moved = [_transform(frame.time_s, MAP, child, transform) for child, transform in moves]
-        messages.append(message(TF_TOPIC, {"transforms": [mount, *moved]}))
+        moves = [mount]
+        if frame.world_from_body is not None:
+            moves.append(_transform(frame.time_s, MAP, BODY, MAP_FROM_WORLD * frame.world_from_body * UPRIGHT))
+        messages.append(message(TF_TOPIC, {"transforms": moves}))
     return messages
 
 
