@@ -23,7 +23,7 @@ from deckline.detect.search import CropView, Search
 from deckline.geometry import Camera
 from deckline.recording import FrameError
 from deckline.types import SIDES, Detection
-from deckline_lab.evaluation.detection_truth import ExpectedLines, Scene
+from deckline_lab.evaluation.detection_truth import ExpectedLines, SceneKind
 from deckline_lab.evaluation.frames import FrameSet, RenderOptions, open_recorded
 from deckline_lab.evaluation.metrics import distance_px
 
@@ -68,7 +68,7 @@ def run_on_sets(sets: list[FrameSet], detector: OnnxDetector) -> list[ScoredView
         except FrameError as error:
             print(f"skipped {error}")
             continue
-        if sample is not None and sample.expected.scene is not Scene.UNRATED:
+        if sample is not None and sample.expected.scene is not SceneKind.UNRATED:
             views.append(run_detector(sample.frame.image_rgb, sample.frame.camera, sample.expected, detector))
     return views
 
@@ -131,7 +131,7 @@ def try_thresholds(views: list[ScoredView], row: float) -> list[Trial]:
     """Every set of thresholds of lines, with this one of rows."""
     pairs, lines = ([rate(one, count, row) for one in views] for count in (2, 1))
     close, clear, single = tabulate(pairs, "probability"), tabulate(pairs, "clear"), tabulate(lines, "clear")
-    deck = np.array([one.expected.scene is Scene.DECK for one in views])
+    deck = np.array([one.expected.scene is SceneKind.DECK for one in views])
     thick = np.array([one.expected.visibility_m < THICK_M for one in views])
     tried = []
     for thresholds in product(BOTH, CLOSE, LONE):
@@ -167,7 +167,7 @@ def main() -> None:
     if not isinstance(detector, OnnxDetector):
         raise SystemExit(f"{given.detector} has no network")
     views = run_on_sets(sets, detector)
-    decks = sum(one.expected.scene is Scene.DECK for one in views)
+    decks = sum(one.expected.scene is SceneKind.DECK for one in views)
     if decks in (0, len(views)):
         raise SystemExit(
             f"no view {'without' if decks else 'with'} a runway: add a source that has some, or --deckless"

@@ -124,13 +124,6 @@ def test_a_line_that_is_not_there_is_on_no_row() -> None:
     np.testing.assert_allclose(shares[1, :, -1], 1.0, atol=1e-6)
 
 
-def test_shares_of_a_row_sum_to_one() -> None:
-    rng = np.random.default_rng(0)
-    rows = rows_from_map(rng.normal(0, 3, (3, 4, 8)).astype(np.float32), rng.normal(0, 3, 2).astype(np.float32), SMALL)
-    assert rows.shape == (2, 2, 5) and rows.dtype == np.float32
-    np.testing.assert_allclose(np.exp(rows).sum(axis=2), 1.0, atol=1e-6)
-
-
 @settings(deadline=None)
 @given(st.floats(0, 505), st.floats(0, 280), st.floats(3, 500), st.floats(1, 280))
 def test_decode_inverts_encode(x0, y0, width, height):

@@ -12,7 +12,7 @@ from deckline.detect.anchors import NetworkOutput, encode_region
 from deckline.detect.coarse_to_fine import DetectConfig
 from deckline.detect.search import CropView, Search
 from deckline.geometry import Camera
-from deckline_lab.evaluation.detection_truth import ExpectedLines, Scene
+from deckline_lab.evaluation.detection_truth import ExpectedLines, SceneKind
 
 SCRIPT = runpy.run_path(str(Path(__file__).parents[2] / "scripts" / "choose_thresholds.py"))
 TRIED = {"BOTH": (0.3, 0.6, 1.1), "CLOSE": (0.5, 0.8, 1.1), "LONE": (0.6, 0.9, 1.1)}
@@ -48,10 +48,10 @@ def test_a_trial_counts_and_measures_what_the_search_chooses(row, monkeypatch):
     rng = np.random.default_rng(0)
     searches = [make_search(rng) for _ in range(40)]
     left, right = (np.array([[u, 0.0], [u, 287.0]]) for u in (100.0, 340.0))
-    deck = ExpectedLines(Scene.DECK, {"left": left, "right": right}, visibility_m=1000.0)
+    deck = ExpectedLines(SceneKind.DECK, {"left": left, "right": right}, visibility_m=1000.0)
     camera = Camera.from_fov(512, 288, 1.0)
     views = [SCRIPT["ScoredView"](camera, deck, one.whole, one.candidates, 3) for one in searches]
-    empty = views[0]._replace(expected=ExpectedLines(Scene.EMPTY, {"left": None, "right": None}))
+    empty = views[0]._replace(expected=ExpectedLines(SceneKind.EMPTY, {"left": None, "right": None}))
     tried = SCRIPT["try_thresholds"]([*views, empty], row)
     for trial, (both, close, lone) in zip(tried, product(*TRIED.values()), strict=True):
         names = {"min_probability": both, "min_close_probability": close, "min_lone_probability": lone}

@@ -63,12 +63,6 @@ def test_an_unsure_point_is_an_inlier_up_to_three_sigma_within_bounds(sigma_px, 
     np.testing.assert_array_equal(found.inliers[40:], [False, True, True, False])
 
 
-def test_same_generator_state_gives_the_same_line():
-    points = points_on(np.array([0.6, 0.8, -500.0]), np.linspace(100, 600, 30), 1.0, np.random.default_rng(5))
-    first, second = (fit_pixel_line(points, CAMERA, np.random.default_rng(7)) for _ in range(2))
-    assert np.array_equal(first.coefficients, second.coefficients)
-
-
 def test_lens_distortion_does_not_change_the_line():
     frame = approach(8.0, 4.0, camera=LENS)
     points = line_points(frame, LEFT)
