@@ -12,10 +12,9 @@ from deckline.detect.anchors import (
     decode,
     decode_places,
     decode_region,
-    encode,
-    encode_region,
     rows_from_map,
 )
+from deckline_lab.train.line_targets import encode, encode_region
 
 SMALL = RowGrid(width=8, height=4, cells=4, rows=2)
 REGIONS = (32, 18)

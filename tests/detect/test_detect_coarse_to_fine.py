@@ -6,11 +6,12 @@ from anchor_logits import GRID, logits_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deckline.detect.anchors import NetworkOutput, encode, encode_region
+from deckline.detect.anchors import NetworkOutput
 from deckline.detect.coarse_to_fine import DetectConfig, largest_collinear_subset
 from deckline.detect.crop import crop_around, normalise, sample_crop
 from deckline.detect.search import Search, detect_lines
 from deckline.types import Detection
+from deckline_lab.train.line_targets import encode, encode_region
 
 Line = tuple[float, float, float, float]  # u0, v0, u1, v1
 BLACK = np.zeros((288, 512, 3), np.uint8)  # as large as the network's own image: its pixels are the image's
