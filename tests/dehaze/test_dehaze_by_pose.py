@@ -155,7 +155,7 @@ def test_the_sky_shows_the_noise(size):
 
 
 def test_noise_is_not_blown_up():
-    """What haze hides comes back as water and not as noise: far less of it than 1 / t would make."""
+    """What haze hides is restored as water and not as noise: far less of it than 1 / t would make."""
     hazy, clear = sea_pair(BETA)
     noisy = add_noise(hazy, 9)
     far = (ray_z(world_from_body()) > 60 / 1000) & (ray_z(world_from_body()) < 60 / 400)

@@ -148,7 +148,7 @@ def test_visibility_is_where_two_percent_are_left() -> None:
 
 
 def test_a_clear_sea_that_the_network_alone_takes_for_a_hazy_one_is_unchanged() -> None:
-    """Bright grey water under a sky like it: only the pose tells that it does not fade."""
+    """Bright grey water under a sky like it: only the pose shows that it does not fade."""
     _, clear = sea_pair(beta_from_visibility(1200.0))
     image = np.rint(0.35 * clear + 0.65 * np.array([150.0, 165.0, 180.0])).astype(np.uint8)
     frame = frame_of(image)

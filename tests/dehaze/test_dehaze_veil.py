@@ -41,7 +41,7 @@ def test_a_plain_sky_stays():
     assert change.max() <= 12  # the tone's curve alone
 
 
-def test_dark_places_say_that_there_is_no_haze():
+def test_dark_places_show_that_there_is_no_haze():
     _, clear = textured_pair(0.004)
     assert psnr_db(VeilDehazer()(clear), clear) > 32
 

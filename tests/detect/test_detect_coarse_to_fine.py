@@ -1,4 +1,4 @@
-"""Coarse-to-fine inference with a network that knows the truth: which crops it sees and what comes back."""
+"""Coarse-to-fine inference with a network that knows the truth: which crops it sees and what is returned."""
 
 import numpy as np
 import pytest
@@ -152,7 +152,7 @@ def test_a_line_of_two_rows_is_not_returned():
 
 
 def three_lines(x: tuple[float, float, float]) -> NetworkOutput:
-    """What a network of three lines says of upright ones at x px."""
+    """The output of a network of three lines for upright ones at x px."""
     cells = [encode([(at, 40.0), (at, 240.0)], [True, True], GRID) for at in x]
     classes, offsets, _ = encode_region([x[0], 40.0, x[1], 240.0], (32, 18))
     return NetworkOutput(np.stack([logits_of(cell) for cell in cells]), np.log(classes + 1e-12), offsets)
@@ -187,7 +187,7 @@ def test_points_on_another_marking_are_left_out_and_a_line_in_halves_is_not_seen
 
 
 def flat_line(slope: float, sides: tuple[float, float] = (60.0, 140.0)) -> NetworkOutput:
-    """What a hybrid network says of two lines v = side + slope u that only its columns see."""
+    """A hybrid network's output for two lines v = side + slope u that only its columns see."""
     turned = GRID.transposed
     columns = [logits_of(turned.cell_from_x(side + slope * turned.row_y), turned) for side in sides]
     classes, offsets, _ = encode_region([1.0, 55.0, 510.0, 200.0], (32, 18))
