@@ -11,7 +11,7 @@ from deckline.track.forecast import Forecast, TrackMemory, describe_track
 from deckline.track.integrity import FaultMonitor, check_order
 from deckline.track.measurement import GatedMeasurement, measure, select_consistent
 from deckline.track.motion import Aircraft, Pose, advance_aircraft, start_aircraft
-from deckline.track.states import CORRELATION_TIME_S, error_sigmas, initial_state, limit_sensors
+from deckline.track.states import CORRELATION_TIME_S, SENSOR_FLOOR, error_sigmas, initial_state
 from deckline.types import (
     SIDES,
     Diagnostic,
@@ -75,7 +75,7 @@ class Tracker:
 
     def __init__(self, config: RunConfig | None = None) -> None:
         config = config or RunConfig()
-        self.config = replace(config, sensors=limit_sensors(config.sensors))
+        self.config = replace(config, sensors=config.sensors.with_floor(*SENSOR_FLOOR))
         self.reset()
 
     def reset(self) -> None:
