@@ -12,7 +12,7 @@ from scipy.spatial.transform import RigidTransform
 import deckline
 from approach_scene import CAMERA, LEFT, RIGHT, STILL, frame, points
 from deckline.cli.main import main
-from deckline.config import Localization, Models, RunConfig, RunwaySurvey, Tracking
+from deckline.config import Models, RunConfig, RunwaySurvey, Tracking
 from deckline.dehaze.base import IdentityDehazer
 from deckline.detect import SearchingDetector
 from deckline.detect.prior import prior_from_survey
@@ -61,14 +61,6 @@ def test_truth_changes_nothing_and_a_grey_image_is_not_seen(flight, results):
     assert blind.guidance.lateral_deviation_m.value == results[-1].guidance.lateral_deviation_m.value
     result = flight(replace(results[0].frame, image_rgb=np.full((720, 1280, 3), 170, np.uint8)))
     assert result.guidance.status is Status.NOT_SEEN
-    assert result.guidance.lateral_deviation_m is None
-
-
-def test_fine_mode_without_a_depth_camera_says_so_and_gives_nothing(results):
-    config = replace(SINGLE, localization=Localization(mode="fine"))
-    result = Flight.from_config(config)(replace(results[-1].frame, depth_m=None))
-    assert result.estimate.mode is DepthMode.NONE
-    assert Reason.NO_DEPTH in [diagnostic.reason for diagnostic in result.guidance.diagnostics]
     assert result.guidance.lateral_deviation_m is None
 
 

@@ -150,12 +150,6 @@ def test_intersections_lie_on_the_plane_ahead_of_the_origin(origin, direction, p
     np.testing.assert_allclose(hit, np.asarray(origin) + step * np.asarray(direction), atol=1e-6, rtol=1e-9)
 
 
-def test_parallel_and_backward_rays_miss():
-    hits = intersect_plane([0, 0, -10], [[1, 0, 0], [1, 0, -1], [1, 0, 1]], 0.0)
-    assert np.isnan(hits[:2]).all()
-    np.testing.assert_allclose(hits[2], [10, 0, 0])
-
-
 @given(st.floats(-1e4, 1e4))
 def test_wrapped_angles_are_the_same_direction(angle):
     wrapped = float(wrap_angle(angle))

@@ -1,7 +1,7 @@
 """One configuration: what is known of sensors, deck and approach, and which models run.
 
 Each quantity exists once, here, and is passed on to fit, tracker, integrity, guidance, simulator and evaluations.
-Everything in a `RunConfig` can stand in a TOML file; angles are degrees there, as people read them. A number out of
+A TOML file may hold everything in a `RunConfig`; angles are degrees there, as people read them. A number out of
 range raises a `ValueError` that names field and value.
 """
 
@@ -112,7 +112,7 @@ class Deck:
 
     Args:
         sea_state: 0 to 6: how much the deck moves about the rest that the ship reports; 0 for a runway on land.
-        slope_deg: 1-sigma of the deck's slope that one frame allows, degrees; None: as the sea state says.
+        slope_deg: 1-sigma of the deck's slope that one frame allows, degrees; None: by the sea state.
         width_m: between the middles of both lines at the ramp, m; None: not known, it is learned.
         width_sigma_m: 1-sigma of that, m.
         angle_deg: the right line's direction minus the left line's, degrees.
@@ -294,7 +294,7 @@ class Tracking:
         coast_s: time without a line that the track survives, s.
         reacquire_s: time of contradicting lines after which the track begins again, s.
         gate_sigma: standard deviations beyond which a measurement is left out.
-        search_s: while the track is sure, only its place is looked at, and so often the whole picture, s; 0: always.
+        search_s: while the track is sure, only its place is searched, and so often the whole picture, s; 0: always.
         horizon_s: so often the horizon in the picture is compared with the attitude, s; 0: never.
         paint_s: so often the picture is searched for paint under the lines and for a centre line, s; 0: never.
     """
@@ -320,7 +320,7 @@ class Navigation:
         max_gap_s: between two poses, beyond which pictures in between have no pose, s.
         origin: latitude, longitude, degrees, and altitude, m, of the world's origin (North-East-Down), for poses that
             have these; None: their first position.
-        offset_s: the poses' clock minus the pictures' clock, s; None: 0, or as the frame numbers of poses.csv say.
+        offset_s: the poses' clock minus the pictures' clock, s; None: 0, or by the frame numbers of poses.csv.
     """
 
     max_gap_s: float = 0.5
@@ -347,7 +347,7 @@ class Integrity:
         window_s: over which residuals are judged, s.
         excess: mean squared normalised residual from which there is a flag.
         max_boresight_deg: the largest mounting error of the camera that is thought possible, about each axis, degrees.
-        max_deck_z_m: the same of the reported deck height, m. 20: a carrier's deck that was told as the sea's.
+        max_deck_z_m: the same of the reported deck height, m. 20: a carrier's deck that was stated as the sea's.
         max_depth_scale: the same of all depths, as a share.
         max_focal_fraction: the same of the focal length, as a share.
         max_delay_s: the same of a pose behind its picture, s.
@@ -422,7 +422,7 @@ class RunConfig:
 
     @cached_property
     def frame_deck(self) -> Deck:
-        """The deck as one frame's fit knows it: a tracker that is told the width must see what the lines say of it."""
+        """The deck as one frame's fit knows it: a tracker tests a stated width against the lines, fitted without it."""
         return replace(self.deck, width_m=None) if self.tracking.enabled else self.deck
 
     @cached_property
@@ -439,7 +439,7 @@ class RunConfig:
 
 @dataclass(frozen=True)
 class FrameNoise:
-    """1-sigma of what one frame is told and measures. All but `depth_fraction` is common to all of its points."""
+    """1-sigma of one frame's measurements. All but `depth_fraction` is common to all of its points."""
 
     attitude_rad: float  # about each axis
     position_m: float  # along each axis

@@ -1,4 +1,4 @@
-"""A sea in haze, made from closed forms: what the geometry dehazer's tests look at."""
+"""A sea in haze, made from closed forms: the scene of the geometry dehazer's tests."""
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform

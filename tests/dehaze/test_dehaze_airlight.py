@@ -4,11 +4,9 @@ import numpy as np
 
 from deckline.dehaze.airlight import (
     estimate_airlight_surface,
-    fill_dark_places,
     find_sky,
     find_smooth_top,
     fit_airlight,
-    follow_sky,
 )
 
 AIRLIGHT = np.array([0.70, 0.74, 0.80])
@@ -49,14 +47,6 @@ def test_the_airlight_follows_a_dark_corner_and_a_dark_horizon() -> None:
     assert np.abs(estimate_airlight_surface(image).colour - image)[inside].max() < 0.7 * surface_error
 
 
-def test_the_darker_a_plain_lower_sky_the_less_it_moves_the_airlight() -> None:
-    """All of it at 0.95 of the surface's grey, half at 0.85."""
-    surface, smooth = np.full((HEIGHT, WIDTH, 3), 0.8, np.float32), np.ones((HEIGHT, WIDTH), bool)
-    moves = [follow_sky(surface, part * surface, smooth, HEIGHT - 1) - surface for part in (0.95, 0.85)]
-    np.testing.assert_allclose([move[-10:].mean() for move in moves], [-0.04, -0.06], atol=0.005)
-    np.testing.assert_allclose([move[:10].mean() for move in moves], [-0.04, -0.12], atol=0.01)  # its upper half
-
-
 def test_a_ship_in_fog_does_not_darken_the_airlight() -> None:
     image = sky_over_patchwork()
     y, x = np.mgrid[:HEIGHT, :WIDTH]
@@ -78,12 +68,3 @@ def test_a_white_frame_hides_no_sky() -> None:
     image = sky_over_patchwork().repeat(2, axis=0).repeat(2, axis=1)
     image[:2] = 1
     assert find_smooth_top(image)[12 : 2 * HORIZON - 8].mean() > 0.9
-
-
-def test_only_narrow_dark_places_are_filled() -> None:
-    moves = np.zeros((40, 60, 3), np.float32)
-    moves[18:22, 28:32] = -0.2
-    ramp = moves.copy()
-    ramp[:, :20] = np.linspace(-0.5, 0, 20, dtype=np.float32)[None, :, None]
-    assert not fill_dark_places(moves).any()
-    np.testing.assert_allclose(fill_dark_places(ramp)[:, :20], ramp[:, :20], atol=1e-6)

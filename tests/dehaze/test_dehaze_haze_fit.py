@@ -1,5 +1,3 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from sea_scene import AIRLIGHT, CAMERA, SEA, SEA_Z_M, ray_z, sea_pair, world_from_body
@@ -9,12 +7,8 @@ from deckline.dehaze.haze_fit import (
     HazeFit,
     NoFit,
     NotFitted,
-    WaterPrior,
-    explained_share,
     fit_haze,
     hidden_sea_certainty,
-    measure_profile,
-    prior_equations,
 )
 from deckline.dehaze.sea_view import view_sea
 from deckline.geometry import camera_mount
@@ -60,11 +54,6 @@ def test_optical_depth_is_the_law():
     depth = fit.optical_depth(np.array([0.0, 500.0, np.inf], np.float32))
     np.testing.assert_allclose(depth[:2], [0.0, 1.0 + 0.5**4], rtol=1e-5)
     assert np.exp(-depth[2]) == 0
-
-
-def test_water_without_information_is_taken_as_usual():
-    pulls, usual = prior_equations(WaterPrior(0.7, 0.1, 0.5, 0.3), AIRLIGHT)
-    np.testing.assert_allclose(np.linalg.solve(pulls, usual), [-0.7 * AIRLIGHT, 0.35 * AIRLIGHT])
 
 
 @pytest.mark.parametrize("mirror", [0.5, 0.7])
@@ -138,14 +127,6 @@ def test_noise_does_not_thin_the_haze():
     noisy = image + np.random.default_rng(7).normal(0, sigma, image.shape).astype(np.float32)
     assert fit_haze(noisy, VIEW, noise_sigma=sigma).beta_per_m == pytest.approx(beta, rel=0.1)
     assert fit_haze(noisy, VIEW).beta_per_m < 0.8 * beta  # what a quantile below the median makes of it
-
-
-def test_the_share_of_explained_bins():
-    fit = fit_haze(sea_pair(2e-3)[0], VIEW)
-    profile = measure_profile(sea_pair(2e-3)[0], VIEW)
-    assert explained_share(fit, profile) == 1
-    wrong = replace(profile, levels=profile.levels + np.where(np.arange(len(profile.range_m)) < 10, 3.0, 0)[:, None])
-    assert explained_share(fit, wrong) == pytest.approx(1 - 10 / len(profile.range_m))  # 3 levels in each of 3 channels
 
 
 @pytest.mark.parametrize("pitch_deg", [-8.0, -22.0])

@@ -1,4 +1,4 @@
-"""Coarse-to-fine inference with a network that knows the truth: which crops it sees and what comes back."""
+"""Coarse-to-fine inference with a network that knows the truth: which crops it sees and what is returned."""
 
 import numpy as np
 import pytest
@@ -6,13 +6,15 @@ from anchor_logits import GRID, logits_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deckline.detect.anchors import NetworkOutput, encode, encode_region
+from deckline.detect.anchors import NetworkOutput
 from deckline.detect.coarse_to_fine import DetectConfig, largest_collinear_subset
 from deckline.detect.crop import crop_around, normalise, sample_crop
 from deckline.detect.search import Search, detect_lines
 from deckline.types import Detection
+from deckline_lab.train.line_targets import encode, encode_region
 
 Line = tuple[float, float, float, float]  # u0, v0, u1, v1
+BLACK = np.zeros((288, 512, 3), np.uint8)  # as large as the network's own image: its pixels are the image's
 NO_REGION = np.log(encode_region(None, (32, 18))[0] + 1e-12)
 NONE = (np.zeros((2, 72, 129), dtype=np.float32), NO_REGION, np.zeros((4, 18, 32), dtype=np.float32))
 
@@ -84,12 +86,6 @@ def test_a_far_runway_takes_refinement_passes_and_a_near_one_none():
     assert len(near.views) == 1
 
 
-def test_no_runway_in_the_coarse_pass_is_not_seen():
-    detection = detect_lines(np.zeros((720, 1280, 3), np.uint8), lambda view: NetworkOutput(*NONE), DetectConfig())
-    assert count_lines(detection) == 0
-    assert detection.region_px is None
-
-
 def test_left_right_of_right_is_not_seen():
     image = draw((640, 360), (100, 300, 200, 50), (500, 300, 400, 50))
     swapped = image[:, :, [1, 0, 2]]
@@ -140,7 +136,7 @@ def test_two_places_that_lead_to_one_view_are_one_candidate(box: Line, is_whole:
     shares = np.full(32 * 18 + 1, 1e-9)
     shares[[100, 400]], shares[-1] = 0.41, 0.18  # every cell has the same box
     output = output._replace(region=np.log(shares).astype(np.float32), box=offsets)
-    search = Search(np.zeros((288, 512, 3), np.uint8), lambda view: output, DetectConfig())
+    search = Search(BLACK, lambda view: output, DetectConfig())
     search.search_whole()
     assert search.accepted == search.candidates
     assert [view is search.whole for view in search.candidates] == [is_whole]
@@ -156,18 +152,17 @@ def test_a_line_of_two_rows_is_not_returned():
 
 
 def three_lines(x: tuple[float, float, float]) -> NetworkOutput:
-    """What a network of three lines says of upright ones at x px."""
+    """The output of a network of three lines for upright ones at x px."""
     cells = [encode([(at, 40.0), (at, 240.0)], [True, True], GRID) for at in x]
     classes, offsets, _ = encode_region([x[0], 40.0, x[1], 240.0], (32, 18))
     return NetworkOutput(np.stack([logits_of(cell) for cell in cells]), np.log(classes + 1e-12), offsets)
 
 
 def test_a_centre_line_lies_between_the_edges_or_is_not_seen():
-    image = np.zeros((288, 512, 3), np.uint8)  # the network's own size: its pixels are the image's
-    detection = detect_lines(image, lambda view: three_lines((100.0, 400.0, 246.0)), DetectConfig(max_passes=1))
+    detection = detect_lines(BLACK, lambda view: three_lines((100.0, 400.0, 246.0)), DetectConfig(max_passes=1))
     np.testing.assert_allclose(detection.centre.points_px[:, 0], 246.0, atol=0.1)
     assert len(detection.centre) == len(detection.left) == len(detection.right) > 40
-    beside = detect_lines(image, lambda view: three_lines((100.0, 400.0, 446.0)), DetectConfig(max_passes=1))
+    beside = detect_lines(BLACK, lambda view: three_lines((100.0, 400.0, 446.0)), DetectConfig(max_passes=1))
     assert len(beside.centre) == 0
     assert len(beside.left) == len(beside.right) == len(detection.left)
 
@@ -180,20 +175,19 @@ def test_points_on_another_marking_are_left_out_and_a_line_in_halves_is_not_seen
     np.testing.assert_array_equal(seen, y < 180)
     bent = line + 6.0 * ((y - y.mean()) / np.ptp(y) * 2) ** 2  # as a lens does
     assert largest_collinear_subset(bent, y, even, 8.0).all()
-    image = np.zeros((288, 512, 3), np.uint8)
     for share, lines in ((0.7, 2), (0.35, 1)):
         left = np.where(
             np.arange(72) < share * 72, 30.0, np.where(np.arange(72) % 2, 60.0, 90.0) + np.arange(72) % 5 * 5
         )
         output = three_lines((120.0, 400.0, 246.0))
         output.rows[0] = logits_of(left.astype(np.float32))
-        found = detect_lines(image, lambda view, output=output: output, DetectConfig(max_passes=1))
+        found = detect_lines(BLACK, lambda view, output=output: output, DetectConfig(max_passes=1))
         assert count_lines(found) == lines
     assert len(found.right) > 40
 
 
 def flat_line(slope: float, sides: tuple[float, float] = (60.0, 140.0)) -> NetworkOutput:
-    """What a hybrid network says of two lines v = side + slope u that only its columns see."""
+    """A hybrid network's output for two lines v = side + slope u that only its columns see."""
     turned = GRID.transposed
     columns = [logits_of(turned.cell_from_x(side + slope * turned.row_y), turned) for side in sides]
     classes, offsets, _ = encode_region([1.0, 55.0, 510.0, 200.0], (32, 18))
@@ -202,15 +196,14 @@ def flat_line(slope: float, sides: tuple[float, float] = (60.0, 140.0)) -> Netwo
 
 
 def test_flat_lines_come_from_columns():
-    image = np.zeros((288, 512, 3), np.uint8)  # the network's own size: its pixels are the image's
-    detection = detect_lines(image, lambda view: flat_line(0.1), DetectConfig(max_passes=1))
+    detection = detect_lines(BLACK, lambda view: flat_line(0.1), DetectConfig(max_passes=1))
     for points, side in ((detection.left, 60.0), (detection.right, 140.0)):
         assert len(points) == GRID.cells
         u, v = points.points_px.T
         np.testing.assert_allclose(v, side + 0.1 * u, atol=0.02)
         # 0.12 cells of 4 px along v are ten times as much along u.
         np.testing.assert_allclose(points.sigma_px, 0.12 * 4 / 0.1, rtol=0.02)
-    rows_alone = detect_lines(image, lambda view: flat_line(0.1)._replace(columns=None), DetectConfig(max_passes=1))
+    rows_alone = detect_lines(BLACK, lambda view: flat_line(0.1)._replace(columns=None), DetectConfig(max_passes=1))
     assert len(rows_alone.left) == len(rows_alone.right) == 0
 
 
@@ -303,10 +296,18 @@ def test_what_contradicts_the_one_line_that_the_search_saw_does_not_count():
     assert len(network.views) == 2 and len(one.left) > 0 and len(one.right) == 0
 
 
-@pytest.mark.parametrize("box", [(5.0, 5.0, 5.0, 9.0), (np.nan, 0.0, 5.0, 5.0), (9.0, 0.0, 5.0, 5.0)])
-def test_a_box_that_is_none_is_refused(box):
-    with pytest.raises(ValueError, match=r"box .*got \("):
-        detect_lines(np.zeros((720, 1280, 3), np.uint8), lambda view: NetworkOutput(*NONE), DetectConfig(), box)
+@pytest.mark.parametrize(
+    ("call", "named"),
+    [
+        (lambda: detect_lines(np.zeros((5, 5, 3)), Oracle(), DetectConfig()), r"\(5, 5, 3\) of float64"),
+        (lambda: DetectConfig(max_passes=0), r"max_passes.*0"),
+        (lambda: detect_lines(BLACK, Oracle(), DetectConfig(), (5.0, 5.0, 5.0, 9.0)), r"box .*5\.0, 5\.0, 5\.0"),
+        (lambda: detect_lines(BLACK, Oracle(), DetectConfig(), (np.nan, 0.0, 5.0, 5.0)), r"box .*nan"),
+    ],
+)
+def test_wrong_use_is_refused(call, named):
+    with pytest.raises(ValueError, match=named):
+        call()
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (2, 900), (333, 77), (720, 1280)])
@@ -319,13 +320,6 @@ def test_any_image_size_can_be_searched(shape):
 
     detection = detect_lines(image, everywhere, DetectConfig())
     assert np.isfinite(detection.left.points_px).all()
-
-
-def test_wrong_use_is_refused():
-    with pytest.raises(ValueError, match=r"\(5, 5, 3\) of float64"):
-        detect_lines(np.zeros((5, 5, 3)), Oracle(), DetectConfig())
-    with pytest.raises(ValueError, match=r"max_passes.*0"):
-        DetectConfig(max_passes=0)
 
 
 def test_tiles_find_a_runway_that_the_whole_picture_is_too_coarse_for():

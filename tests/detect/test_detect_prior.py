@@ -145,19 +145,19 @@ def test_what_was_not_seen_whole_replaces_nothing(seen):
     assert memory.predict(later) == before
 
 
-@pytest.mark.parametrize("values", [{"width_m": 0.0}, {"ramp_m": (0.0, np.nan, 0.0)}, {"sigma_m": -1.0}])
-def test_an_impossible_survey_is_refused(values):
-    ((name, value),) = values.items()
-    with pytest.raises(ValueError, match=rf"{name}.*{np.min(value)}"):
-        RunwaySurvey(**values)
-
-
 # Priors, right and wrong, on rendered approaches, with the shipped network and the classical finder.
 APPROACH = SimConfig(
     preset="cvn", trajectory="approach", frames=3, visibility_m=(5000.0, 5000.0), seed=1005, start_m=900.0, end_m=250.0
 )
 # An error of the aircraft's own position, m, north and east, and of its heading, deg: up to 100 m and 10 degrees.
-WRONG = [(100.0, 0.0, 0.0), (0.0, 100.0, 0.0), (0.0, -100.0, 10.0), (-70.0, 70.0, -10.0), (0.0, 0.0, 10.0)]
+WRONG = [
+    (0.0, 0.0, 0.0),
+    (100.0, 0.0, 0.0),
+    (0.0, 100.0, 0.0),
+    (0.0, -100.0, 10.0),
+    (-70.0, 70.0, -10.0),
+    (0.0, 0.0, 10.0),
+]
 SAME_PX = 0.5  # median distance of points from the true line
 
 
@@ -211,21 +211,15 @@ def is_empty(detection: Detection) -> bool:
     return len(detection.left) == len(detection.right) == 0
 
 
-def test_a_prior_replaces_a_search_that_sees_nothing(blind, approach):
-    for frame in approach:
-        assert is_empty(blind(frame.image_rgb))
-        found = blind(frame.image_rgb, project_prior(frame, true_runway(frame, 5.0, 1.0)))
-        assert from_truth_px(frame, found) < SAME_PX
-
-
 @pytest.mark.parametrize("error", WRONG)
 @pytest.mark.parametrize("honest", [True, False])
 def test_without_a_search_a_wrong_prior_ends_in_the_true_lines_or_in_none(blind, approach, error, honest):
     sigmas = (60.0, 6.0) if honest else (2.0, 0.5)
+    assert is_empty(blind(approach[0].image_rgb))
     found = [(frame, blind(frame.image_rgb, wrong_box(frame, error, *sigmas))) for frame in approach[:2]]
     seen = [(frame, detection) for frame, detection in found if not is_empty(detection)]
     assert all(from_truth_px(frame, detection) < SAME_PX for frame, detection in seen)
-    assert seen or not honest
+    assert seen or (any(error) and not honest)
 
 
 def test_the_classical_finder_searches_the_prior_box(approach):

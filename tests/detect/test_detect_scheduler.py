@@ -1,6 +1,5 @@
 """One view a picture where the track is sure, and the search of the whole picture beside it."""
 
-import numpy as np
 import pytest
 from test_detect_coarse_to_fine import Oracle, check_lines, draw
 
@@ -97,8 +96,3 @@ def test_a_detector_states_that_it_can_search_view_by_view():
     assert issubclass(OnnxDetector, SearchingDetector)
     with pytest.raises(TypeError):  # without a search of its own
         SearchingDetector()
-
-
-def test_a_picture_is_checked():
-    with pytest.raises(ValueError, match="float64"):
-        SearchScheduler(OracleDetector(), 1.0).detect(0.0, np.zeros((5, 5, 3)), BOX, True)

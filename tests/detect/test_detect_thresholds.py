@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from deckline.detect.anchors import NetworkOutput, encode_region
+from deckline.detect.anchors import NetworkOutput
 from deckline.detect.coarse_to_fine import DetectConfig
 from deckline.detect.search import CropView, Search
 from deckline.geometry import Camera
 from deckline_lab.evaluation.detection_truth import ExpectedLines, SceneKind
+from deckline_lab.train.line_targets import encode_region
 
 SCRIPT = runpy.run_path(str(Path(__file__).parents[2] / "scripts" / "choose_thresholds.py"))
 TRIED = {"BOTH": (0.3, 0.6, 1.1), "CLOSE": (0.5, 0.8, 1.1), "LONE": (0.6, 0.9, 1.1)}

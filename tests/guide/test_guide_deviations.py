@@ -163,15 +163,6 @@ def test_another_slope_aim_point_and_hook():
     assert found.vertical_deviation_m.value == pytest.approx(6.0 - 92.0 * np.tan(np.deg2rad(4.0)))
 
 
-@pytest.mark.parametrize(
-    ("name", "value", "number"),
-    [("glideslope_deg", 0.0, "0.0"), ("touchdown_m", -1.0, "-1.0"), ("point_m", (0.0, np.nan, 0.0), "nan")],
-)
-def test_an_impossible_approach_is_refused(name, value, number):
-    with pytest.raises(ValueError, match=f"{name}.*{number}"):
-        Approach(**{name: value})
-
-
 def test_over_the_aim_point_there_are_no_angles():
     found = guidance(frame([5.0, 0.0, -22.0]), estimate(**RAMP))
     assert found.vertical_deviation_m is not None

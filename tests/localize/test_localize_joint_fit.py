@@ -7,10 +7,13 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 from scipy.stats import chi2
 
-from deckline.config import Sensors
+from deckline.config import Deck, Sensors
 from deckline.geometry import wrap_angle
 from deckline.localize import solver
-from deckline.types import SIDES, DepthMode, LineVisibility
+from deckline.localize.model import NUISANCES, FitState, linearize_deck_prior
+from deckline.localize.observations import observe
+from deckline.localize.ransac import fit_pixel_line
+from deckline.types import SIDES, DepthMode, LineVisibility, Reason
 from deckline_lab.evaluation.cramer_rao import cramer_rao
 from runway_scene import (
     CAMERA,
@@ -155,3 +158,41 @@ def test_effects_equal_finite_differences_of_the_estimate(index, fine, config):
         stated = (high[side].errors.effects + low[side].errors.effects)[:, index] / 2
         limit = 0.02 * np.abs(stated) + [0.05, 3e-3, 0.05, 3e-3, 3e-3]
         assert np.all(np.abs(found - stated) <= limit), (side, found, stated)
+
+
+@pytest.mark.parametrize(
+    "names", [("left", "right"), ("left", "right", "centre"), ("left", "centre"), ("right", "centre")]
+)
+def test_deck_prior_holds_at_the_truth_and_its_jacobian_equals_finite_differences(names):
+    deck = Deck(width_m=14.7, width_sigma_m=0.3, angle_deg=float(np.rad2deg(0.01)))
+    offsets = {"left": -7.35, "centre": 0.0, "right": 7.35}
+    turns = {"left": -0.005, "centre": 0.0, "right": 0.005}
+    azimuths = np.array([azimuth(LEFT) + turns[name] for name in names])
+    state = FitState(np.stack([offsets[name] * LATERAL[:2] for name in names]), azimuths, 6.0, np.zeros(NUISANCES))
+    terms = linearize_deck_prior(names, state, deck)
+    assert len(terms.residuals) == (4 if len(names) == 3 else 2)
+    np.testing.assert_allclose(terms.residuals, 0, atol=0.02)  # widths are exact across the mean direction only
+    for k in range(2 * len(names)):
+        step = np.zeros(terms.jacobian.shape[1])
+        step[k] = 1e-4
+        low, high = (linearize_deck_prior(names, state.step(sign * step), deck).residuals for sign in (-1, 1))
+        np.testing.assert_allclose(terms.jacobian[:, k], (low - high) / 2e-4, rtol=1e-3, atol=0.2)
+
+
+FAR = approach(80.0, 8.0)
+
+
+def test_points_above_the_horizon_are_left_out():
+    level = replace(FAR, world_from_body=type(FAR.world_from_body).identity())
+    left = detection(FAR).left
+    lines = {"left": fit_pixel_line(left, FAR.camera, np.random.default_rng(0))}
+    high = replace(left, points_px=left.points_px - [0.0, 400.0])
+    observations, diagnostics = observe(level, {"left": high}, lines, "auto")
+    assert observations.names == ()
+    assert [diagnostic.reason for diagnostic in diagnostics] == [Reason.NO_POINTS]
+    assert "left" in diagnostics[0].message
+
+
+def test_frame_without_a_pose_is_refused():
+    with pytest.raises(ValueError, match=r"exact\.png.*pose"):
+        observe(replace(FAR, world_from_body=None), {}, {}, "auto")

@@ -1,7 +1,6 @@
 """Two lines as one runway: consistency, near ends and ramp."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -34,12 +33,6 @@ def shift_left_line(metres, turn_rad=0.0):
     angle = azimuth(LEFT) + turn_rad
     start = LEFT.p0_m + metres * LATERAL
     return Segment(start, start + 217 * np.array([np.cos(angle), np.sin(angle), 0.0]))
-
-
-def test_a_line_without_a_point_on_the_deck_has_no_near_end():
-    nowhere = {side: SimpleNamespace(points_m=np.empty((0, 3))) for side in ("left", "right")}
-    found = line_fit.find_near_ends(NEAR, {"left": EMPTY, "right": EMPTY}, nowhere, None, None)
-    assert found.reason is Reason.NO_RAMP
 
 
 def test_ramp_is_found_within_its_sigma_only_when_in_view():

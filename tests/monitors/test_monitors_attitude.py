@@ -135,14 +135,6 @@ def test_another_flight_begins_without_a_flag(monitor, how):
     assert not flags(monitor, [at_sea(0)])[0][0]
 
 
-def test_closing_ends_the_thread(monitor):
-    before = threading.active_count()
-    monitor.update(at_sea(0), NOTHING, EMPTY)
-    assert threading.active_count() == before + 1
-    monitor.close()
-    assert threading.active_count() == before
-
-
 @pytest.mark.parametrize(("given", "expected"), [(None, [Reason.ATTITUDE]), (EMPTY, [])])
 def test_a_flight_flags_it_where_it_searches_the_picture(given, expected):
     before = threading.active_count()

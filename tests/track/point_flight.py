@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.geometry import Camera, attitude, camera_mount
-from deckline.types import DepthMode, Frame, LineVisibility, PixelLine, RunwayEstimate, RunwayLine, Segment, Truth
+from deckline.types import DepthMode, Frame, LineVisibility, PixelLine, RunwayEstimate, RunwayLine
 
 CAMERA = Camera.from_fov(1280, 720, np.deg2rad(90))
 IMAGE = np.zeros((720, 1280, 3), dtype=np.uint8)
@@ -214,9 +214,3 @@ def _fit(frame: Frame, pixels, depth, flight: Flight) -> RunwayLine:
         noise + common @ common.T,
         noise + relative @ relative.T,
     )
-
-
-def truth_of(flight: Flight, time_s: float) -> Truth:
-    lines = true_lines(flight, time_s)
-    ends = {s: Segment(line.point_m, line.point_m + LENGTH_M * line.direction) for s, line in lines.items()}
-    return Truth(ends["left"], ends["right"])

@@ -12,7 +12,6 @@ from deckline.detect import DETECTORS
 from deckline.flight import Flight
 from deckline.options import RunOptions
 from deckline.track import Tracker
-from deckline.truth import touchdown, true_centre
 from deckline_lab.evaluation.approaches import FlightsConfig, PointNoise, fly_points
 from deckline_lab.evaluation.localization_score import pilot_figures
 
@@ -90,26 +89,3 @@ def test_on_a_deck_that_heaves_pitches_and_rolls_errors_are_as_large_as_stated()
         assert np.all(np.percentile(np.abs(ratios[sea_state]), 95, axis=0) < limit)
         assert len(misses[sea_state]) > 10
         assert np.percentile(misses[sea_state], 95) < 0.3  # of a deck that moves by 1.6 m where aircraft touch down
-
-
-def test_the_simulated_decks_height_is_followed_without_lag():
-    """Two swings of the deck within reach of the depth camera: an aircraft that comes at a tenth of its speed."""
-    flights = FlightsConfig(
-        frames=100,
-        seed=7110,
-        preset="cvn",
-        range_m=(150.0, 50.0),
-        options=RunOptions(grade="good", sea_state=5.0),
-    )
-    slow = replace(flights.approach(0), flight=replace(flights.approach(0).flight, speed_m_s=10.0))
-    times, found, true = [], [], []
-    for frame, track in fly(slow, flights.run):
-        if frame.time_s > 2.0 and "centre" in track.lines:
-            times.append(frame.time_s)
-            found.append(track.lines["centre"].height_m)
-            true.append(touchdown(true_centre(frame.truth), 70.0)[2])
-    shifts = np.arange(-0.6, 0.61, 0.02)
-    inside = (np.array(times) > times[0] + 0.6) & (np.array(times) < times[-1] - 0.6)
-    at = np.array(times)[inside]
-    misses = [np.std(np.array(found)[inside] - np.interp(at - shift, times, true)) for shift in shifts]
-    assert abs(shifts[int(np.argmin(misses))]) <= 0.2

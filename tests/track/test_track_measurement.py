@@ -1,4 +1,4 @@
-"""The gate keeps what agrees, and names what does not."""
+"""The gate accepts what agrees, and names what does not."""
 
 import numpy as np
 import pytest
@@ -53,7 +53,7 @@ def test_everything_elsewhere_leaves_nothing(settled):
     assert {diagnostic.reason for diagnostic in found.excluded} == {Reason.LEFT, Reason.RIGHT, Reason.HEIGHT}
 
 
-def test_the_gate_is_as_rare_as_its_standard_deviations_say(settled):
+def test_the_gate_is_as_rare_as_its_standard_deviations_state(settled):
     state, pose, rng = settled
     measured = measure(state, seen(rng).lines, DepthMode.FINE, pose, KNOWN)
     variance = measured.design @ state.covariance @ measured.design.T + measured.noise

@@ -14,7 +14,6 @@ from deckline.track.motion import (
     advance_aircraft,
     oscillate,
     start_aircraft,
-    stationary_covariance,
 )
 
 VELOCITY_M_S, TURN_RAD_S, SIGMA_M = np.array([60.0, 1.0, 4.0]), 0.2, 0.05
@@ -50,12 +49,6 @@ def test_a_jump_is_measured_and_restarts_the_aircraft():
     assert np.array_equal(after.velocity_m_s, np.zeros(3))
 
 
-def test_no_pose_no_aircraft():
-    blind = replace(view(0.0), world_from_body=None)
-    assert start_aircraft(blind, SIGMA_M) is None
-    assert advance_aircraft(start_aircraft(at(0.0), SIGMA_M), blind, SIGMA_M) == (None, 0.0)
-
-
 OMEGA = 2 * np.pi / 12.0
 DRIFT = np.array([[0.0, 1.0], [-(OMEGA**2), -2 * DAMPING * OMEGA]])
 
@@ -72,15 +65,3 @@ def test_transition_and_noise_solve_the_oscillators_equations(dt_s):
 
     grown = solve_ivp(grow, (0.0, dt_s), np.zeros(4), rtol=1e-9, atol=1e-12).y[:, -1].reshape(2, 2)
     np.testing.assert_allclose(noise, grown, atol=1e-7)
-
-
-def test_two_steps_are_one():
-    (once, first), (then, second), (whole, both) = oscillate(0.4, 22.0), oscillate(0.9, 22.0), oscillate(1.3, 22.0)
-    np.testing.assert_allclose(then @ once, whole, atol=1e-12)
-    np.testing.assert_allclose(then @ first @ then.T + second, both, atol=1e-12)
-
-
-def test_a_long_time_forgets_everything():
-    transition, noise = oscillate(300.0, 12.0)
-    np.testing.assert_allclose(transition, 0.0, atol=1e-12)
-    np.testing.assert_allclose(noise, stationary_covariance(12.0), atol=1e-12)

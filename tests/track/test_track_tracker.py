@@ -73,7 +73,7 @@ def test_two_seconds_without_lines_are_bridged_with_growing_and_honest_uncertain
     assert sigmas[-1][0] < 1.2 * sigmas[0][0]
 
 
-def test_after_two_seconds_the_track_is_lost_and_begins_anew_when_lines_come_back():
+def test_after_two_seconds_the_track_is_lost_and_begins_anew_when_lines_are_seen():
     flight = Flight(start_m=600.0, seed=4)
     states = {}
     for frame, _, track in follow(flight, CALM, without=[(2.0, 5.0)]):

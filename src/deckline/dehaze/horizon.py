@@ -71,10 +71,6 @@ class Horizon:
     slope: float  # rows down for each column to the right
     slope_sigma: float
 
-    def rows(self, columns: NDArray[np.float64]) -> Float64:
-        """Rows of the line at columns (N,), px."""
-        return np.asarray(self.middle_px + self.slope * (columns - (self.width_px - 1) / 2))
-
 
 @dataclass(frozen=True)
 class NoHorizon:
@@ -84,7 +80,7 @@ class NoHorizon:
 
 
 @dataclass(frozen=True, eq=False)
-class _Model:
+class ProfileModel:
     """Least squares of every horizon row in one haze and one texture, ready for any profile of N rows."""
 
     weights: Float32  # (V, N) of squared residuals
@@ -93,7 +89,7 @@ class _Model:
 
 
 @dataclass(frozen=True, eq=False)
-class _Scan:
+class LineScan:
     """Lines that were compared; rows count from the image's upper edge."""
 
     middles: Float64  # (M,) rows
@@ -166,7 +162,7 @@ def measure_strips(image_rgb: NDArray[np.uint8], long_side_px: int) -> tuple[Flo
 
 def _scan_near(
     profiles: Float32, x: Float64, unit: float, middle: float, slope: float, span: float, air: NDArray[np.intp]
-) -> _Scan:
+) -> LineScan:
     """Every line near one in this air; `span` is how many rows its middle may be off."""
     count = profiles.shape[1]
     step = max(0.5, span / 30)
@@ -196,7 +192,7 @@ def _scan(
     air: NDArray[np.intp],
     middles: Float64,
     slopes: Float64,
-) -> _Scan:
+) -> LineScan:
     """Every line through these middles (M,) with these slopes (T,), by each strip's nats (S, K, V) at these rows."""
     flat = flat_nats(profiles)
     best = np.minimum(nats.min(axis=(1, 2)), flat)
@@ -211,10 +207,10 @@ def _scan(
         table, at, share = over.T, before[..., strip], part[..., strip, :]
         here = table[at] * (1 - share) + table[at + 1] * share
         cost += np.where(inside[..., strip, None], here, without[strip])
-    return _Scan(middles, slopes, cost, float(without.sum()), bounded, rows)
+    return LineScan(middles, slopes, cost, float(without.sum()), bounded, rows)
 
 
-def _model(rows: Float64, count: int, unit: float, level: float, haze: float, power: float) -> list[_Model]:
+def _model(rows: Float64, count: int, unit: float, level: float, haze: float, power: float) -> list[ProfileModel]:
     """One haze's, for each texture."""
     design, prior = _design(rows, count, unit, haze, power), _prior(level)
     greys = np.zeros((1 + len(BELOW), TERMS))
@@ -225,12 +221,12 @@ def _model(rows: Float64, count: int, unit: float, level: float, haze: float, po
         weighed = design * weights[:, None]
         whitening = np.linalg.inv(np.linalg.cholesky(weighed @ design.transpose(0, 2, 1) + prior.T @ prior))
         parts = weights, whitening @ weighed, greys @ whitening.transpose(0, 2, 1)
-        models.append(_Model(*(part.astype(np.float32) for part in parts)))
+        models.append(ProfileModel(*(part.astype(np.float32) for part in parts)))
     return models
 
 
 @lru_cache(maxsize=2)  # a flight's pictures are alike; of 16:9 20 MB each, of a square 70
-def _all_models(count: int, unit: float, level: float) -> list[list[_Model]]:
+def _all_models(count: int, unit: float, level: float) -> list[list[ProfileModel]]:
     rows = _all_rows(count)
     return [_model(rows, count, unit, level, haze, power) for haze, power in zip(HAZE, POWER, strict=True)]
 
@@ -239,13 +235,13 @@ def _all_rows(count: int) -> Float64:
     return np.arange(-OUTSIDE * count, count - 0.5, 0.5)
 
 
-def _strip_nats(profiles: Float32, hazes: Iterable[list[_Model]]) -> Float64:
+def _strip_nats(profiles: Float32, hazes: Iterable[list[ProfileModel]]) -> Float64:
     """Minus log likelihood (S, K, V) of profiles (S, N, 3) for each haze and horizon row, the best texture's."""
     strips, count = profiles.shape[:2]
     levels = profiles.transpose(1, 0, 2).reshape(count, -1)  # (N, S * 3)
     squares, weight = np.square(levels), 1.5 * INDEPENDENT_ROWS / count
 
-    def nats(model: _Model) -> Float32:
+    def nats(model: ProfileModel) -> Float32:
         found = (model.fits.reshape(-1, count) @ levels).reshape(-1, TERMS, strips, 3)
         residual = np.maximum(
             model.weights @ squares - np.einsum("vpsc,vpsc->vsc", found, found).reshape(-1, strips * 3), 0
@@ -300,7 +296,7 @@ def flat_nats(profiles: Float32) -> Float64:
 
 
 def _judge(
-    fine: _Scan, profiles: Float32, x: Float64, unit: float, width: int, height: int, rough: bool
+    fine: LineScan, profiles: Float32, x: Float64, unit: float, width: int, height: int, rough: bool
 ) -> Horizon | NoHorizon:
     """The line of a fine scan, where it can be trusted."""
     tilt, middle, _ = fine.best

@@ -210,7 +210,7 @@ def clear_air_certainty(visibility_m: float) -> float:
 
 
 def darkest_detail(image_rgb: Image) -> float:
-    """The darkest detail of an image (H, W, 3) as a share of the brightest; 0 where nothing stands out."""
+    """The darkest detail of an image (H, W, 3) as a share of the brightest; 0 for a uniform image."""
     import cv2
 
     grey = cv2.resize(image_rgb, DETAIL_SIZE, interpolation=cv2.INTER_AREA).mean(axis=2)

@@ -44,10 +44,10 @@ class PixelMap:
         added = np.moveaxis(np.asarray(cv2.resize(levels, self.gain.shape[::-1])), 2, 0)
         return replace(self, offset=np.ascontiguousarray(self.offset + added, np.float32))
 
-    def fade(self, keep: float) -> "PixelMap":
-        """The same map with a share `keep`, 0 to 1, of the image as it is."""
-        done = np.float32(1 - keep)
-        gain, chroma = (np.float32(keep) + done * part for part in (self.gain, self.chroma))
+    def fade(self, share: float) -> "PixelMap":
+        """The same map with a `share`, 0 to 1, of the image as it is."""
+        done = np.float32(1 - share)
+        gain, chroma = (np.float32(share) + done * part for part in (self.gain, self.chroma))
         return replace(self, gain=gain, chroma=chroma, offset=done * self.offset)
 
 

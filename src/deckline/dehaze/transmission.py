@@ -88,7 +88,7 @@ def bound_transmission(image: Image, airlight: Image, config: GeometryConfig) ->
 def raise_to_deck(bound: Image, sea_t: Image, deck_t: Image, config: GeometryConfig) -> Image:
     """The bound (H, W), raised to the deck plane's transmission where the image shows that the sea is too far.
 
-    What stands out of the sea and lies on the deck is exactly there; of what is lower, too little haze is removed.
+    What rises out of the sea and lies on the deck is exactly there; of what is lower, too little haze is removed.
     """
     low, high = config.nearer_ratio
     certainty = np.clip((bound / np.maximum(sea_t, np.float32(1e-6)) - low) / (high - low), 0, 1)

@@ -3,7 +3,7 @@
 I = J (1 - V) + A V. The airlight A is a smooth surface through the sky; a plain sky is therefore left as it is. The
 veil V comes from the dark channel, less what a scene's darkest details send themselves, smoothed along the image's
 edges. No pixel has more of it than leaves its darkest colour some light, and less of it comes off where no detail
-stands out: fog that gets darker towards the horizon stays fog. J is the most likely scene where noise and an uncertain
+is seen: fog that gets darker towards the horizon stays fog. J is the most likely scene where noise and an uncertain
 airlight pass for little signal. A picture whose dark places are dark is hardly changed: only the level of its darkest
 details distinguishes an overcast scene from a hazy one.
 
@@ -34,7 +34,7 @@ LEAST_LIGHT = 0.1, 0.25  # of the airlight, and of a pixel's own darkest colour 
 DETAIL = 0.002  # of full scale: how much an image varies about its blurred self where half of the veil is sure
 DETAIL_SIGMA, DETAIL_SIDE = 3, 7  # px, of the blur; of the mean over that difference
 DETAIL_REACH = 1 / 50  # of the width, around a detail
-LEAST_SURE = 0.2  # of the veil comes off where nothing stands out
+LEAST_SURE = 0.2  # of the veil comes off where no detail is seen
 STRIP_PX = 1 << 16  # solved at once: its few float maps stay in a core's cache
 NIGHT = (0.1, 0.2)  # airlight, share of full scale: nothing is done, everything is done
 COLOURED = (0.35, 0.45)  # its saturation: haze, a blue sky or a sunset; 0.21 at most in 45 photographs of fog
@@ -167,7 +167,7 @@ def _haziness(dark: Image, airlight: Image) -> float:
 def estimate_scene(image: Image, airlight: Image, sigma: Image, slope: Image, offset: Image, noise: float) -> Image:
     """The most likely scene (H, W, 3) of full scale, not clipped; maps are of the image's size.
 
-    Only what stands out of the airlight by more than noise and its own colour error is drawn apart; the rest stays.
+    Only what differs from the airlight by more than noise and its own colour error is drawn apart; the rest stays.
     What is brighter than the airlight nears full scale without reaching it.
     """
     import cv2
@@ -203,7 +203,7 @@ def own_veil(image: Image, airlight: Image) -> Image:
 
 
 def smooth_noise(contrast: Image, noise: float) -> Image:
-    """A contrast (H, W, 3) whose ripples no larger than noise and compression are averaged out, edges kept.
+    """A contrast (H, W, 3) whose ripples no larger than noise and compression are averaged out; edges stay.
 
     Source: He, Sun and Tang 2013, the guided filter with the image as its own guide.
     """

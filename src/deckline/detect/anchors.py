@@ -1,9 +1,9 @@
-"""Row and column anchors, line maps and the runway's box: the networks' outputs, encoded and decoded once.
+"""Row and column anchors, line maps and the runway's box: the networks' outputs, decoded once.
 
 A row anchor gives a line as one horizontal position per image row, a column anchor as one vertical position per image
 column (the same code on the transposed grid). The box is a softmax over the cells of a coarse grid and "no runway",
-with the box's offset from every cell. Training encodes; training, evaluation and runtime decode. Everything lives in
-the network's own image: (0, 0) is the centre of its top-left pixel; boxes are (x0, y0, x1, y1).
+with the box's offset from every cell. Training, evaluation and runtime decode; training encodes.
+Everything lives in the network's own image: (0, 0) is the centre of its top-left pixel; boxes are (x0, y0, x1, y1).
 Source: row anchors after UFLD (Qin, Wang and Li, 2020).
 """
 
@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deckline.detect.crop import check_box
 from deckline.types import EdgeKind
 
 Float32 = NDArray[np.float32]
@@ -26,12 +25,11 @@ EDGE_OUTPUTS = (*HYBRID_OUTPUTS, "edge_logits")  # and what the edge lines are
 MAP_OUTPUTS = ("map_logits", "line_logits", "region_logits", "region_box")  # a class for every pixel
 KNOWN_OUTPUTS = (ROW_OUTPUTS, HYBRID_OUTPUTS, EDGE_OUTPUTS, MAP_OUTPUTS)
 EDGES = tuple(EdgeKind)  # classes of the edge, in their order
-SMALLEST_SHARE = 1e-9  # of a row; keeps logarithms finite
+SMALLEST_SHARE = 1e-9  # of a row, so that logarithms are finite
 STRIDE = 16  # px of the network's image per region cell
 SIZE_PX = 64.0  # px; a box of that size has log size 0
 PLACE_CELLS = 2  # from the best cell of a place, within which no other place begins
 TAKEN = -1e9  # log of a cell's share in a place that is taken
-SPREAD_CELLS = 0.6  # Gaussian width of the target over neighbouring cells: they see nearly the same
 
 
 @dataclass(frozen=True)
@@ -146,36 +144,6 @@ def network_output(outputs: Mapping[str, Float32], grid: RowGrid) -> NetworkOutp
     return NetworkOutput(rows, outputs["region_logits"], outputs["region_box"], *others)
 
 
-def encode(points_px: ArrayLike, seen: ArrayLike, grid: RowGrid) -> Float32:
-    """A line's points in the network's image -> its cell on every row anchor.
-
-    Args:
-        points_px: (N, 2) x, y along the line in order, y monotone; N may be 0.
-        seen: (N,) bool; a row between two points has a position only when both are seen.
-        grid: the row anchors.
-
-    Returns:
-        (rows,) position in cells, NaN where the row has no line (beyond its ends, outside the image, not seen).
-
-    Raises:
-        ValueError: shapes that do not agree.
-    """
-    points = np.asarray(points_px, dtype=np.float64)
-    visible = np.asarray(seen, dtype=bool)
-    if points.ndim != 2 or points.shape[1] != 2 or visible.shape != (len(points),):
-        raise ValueError(f"expected points (N, 2) and seen (N,), got {points.shape} and {visible.shape}")
-    finite = np.all(np.isfinite(points), axis=1)
-    points, visible = points[finite], visible[finite]
-    if len(points) < 2:
-        return np.full(grid.rows, np.nan, dtype=np.float32)
-    order = np.argsort(points[:, 1], kind="stable")
-    x, y, flags = points[order, 0], points[order, 1], visible[order].astype(np.float64)
-    cell = grid.cell_from_x(np.interp(grid.row_y, y, x, left=np.nan, right=np.nan))
-    both_seen = np.interp(grid.row_y, y, flags, left=0.0, right=0.0) > 0.999
-    inside = (cell > -0.5) & (cell < grid.cells - 0.5)
-    return np.where(both_seen & inside, cell, np.nan).astype(np.float32)
-
-
 def decode(logits: Float32, grid: RowGrid, config: DecodeConfig | None = None) -> RowPoints:
     """Class logits (rows, cells + 1) of one line -> a position per row.
 
@@ -241,35 +209,6 @@ def rows_from_map(map_logits: Float32, line_logits: Float32, grid: RowGrid) -> F
     shares = present[..., None] * cells / np.maximum(cells.sum(axis=2, keepdims=True), SMALLEST_SHARE)
     classes_of_rows = np.concatenate([shares, 1 - present[..., None]], axis=2)
     return np.log(np.maximum(classes_of_rows, SMALLEST_SHARE)).astype(np.float32)
-
-
-def encode_region(box: ArrayLike | None, grid_size: tuple[int, int]) -> tuple[Float32, Float32, Float32]:
-    """A box, or None for no runway, to targets on a grid of (width, height) cells.
-
-    Returns:
-        classes (width * height + 1,), sum 1, the last one "no runway"; box offsets (4, height, width): centre from the
-        cell's own in cells, log of width and height over 64 px; weight (height, width) of every cell's box.
-
-    Raises:
-        ValueError: a box without width or height.
-    """
-    width, height = grid_size
-    classes = np.zeros(width * height + 1, dtype=np.float32)
-    offsets = np.zeros((4, height, width), dtype=np.float32)
-    if box is None:
-        classes[-1] = 1.0
-        return classes, offsets, np.zeros((height, width), dtype=np.float32)
-    x0, y0, x1, y1 = check_box(box)
-    row, column = np.mgrid[0:height, 0:width]
-    centre_x = ((x0 + x1) / 2 + 0.5) / STRIDE - 0.5
-    centre_y = ((y0 + y1) / 2 + 0.5) / STRIDE - 0.5
-    offsets[0], offsets[1] = centre_x - column, centre_y - row
-    offsets[2], offsets[3] = np.log((x1 - x0) / SIZE_PX), np.log((y1 - y0) / SIZE_PX)
-    near = (np.abs(offsets[0]) <= 1.5) & (np.abs(offsets[1]) <= 1.5)
-    weight = near * np.exp(-(offsets[0] ** 2 + offsets[1] ** 2) / (2 * SPREAD_CELLS**2))
-    weight = (weight / max(weight.sum(), 1e-9)).astype(np.float32)
-    classes[:-1] = weight.ravel()
-    return classes, offsets, weight
 
 
 def decode_region(logits: Float32, offsets: Float32) -> Region:

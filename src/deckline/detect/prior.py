@@ -13,6 +13,7 @@ Array = NDArray[np.float64]
 MARGIN_SIGMAS = 2.0  # around the prior's lines; a runway farther off is left to the search of the whole image
 MIN_DEPTH_M = 1.0  # at which a line that passes the camera is cut
 EDGE_POINTS = 9  # along each edge of a box that goes through a lens
+MAX_AGE_S = 5.0  # of the last image
 IMAGE_MARGIN = 0.5  # of the last image's box on every side: what an aircraft turns between frames
 
 
@@ -89,19 +90,16 @@ def _box_through_lens(low: Array, high: Array, camera: Camera) -> Box | None:
 class ImagePrior:
     """Carries the last image's lines forward, for frames of one flight in their order that no tracker can follow.
 
-    Without a pose nothing better is known; with one a tracker predicts better. Constant memory.
-
-    Args:
-        max_age_s: an older image is forgotten; so is one from the future, when time runs backwards.
+    Without a pose nothing better is known; with one a tracker predicts better. Constant memory. An image older than
+    MAX_AGE_S is forgotten; so is one from the future, when time runs backwards.
     """
 
-    def __init__(self, max_age_s: float = 5.0) -> None:
-        self.max_age_s = max_age_s
+    def __init__(self) -> None:
         self._last: tuple[float, tuple[int, int], Box] | None = None  # time, s; image size, px; box around both lines
 
     def predict(self, frame: Frame) -> Box | None:
         """Where the runway was in the last image, with a margin; None when it was not seen lately."""
-        if self._last is not None and not 0 <= frame.time_s - self._last[0] <= self.max_age_s:
+        if self._last is not None and not 0 <= frame.time_s - self._last[0] <= MAX_AGE_S:
             self._last = None
         if self._last is None or self._last[1] != (frame.camera.width, frame.camera.height):
             return None

@@ -161,17 +161,17 @@ def locate_points(
         points = intersect_plane(origin, rays, frame.deck_z_m)
     else:
         raise ValueError(f"{frame.file}: mode {mode} needs what the frame does not have")
-    keep = np.isfinite(points).all(axis=1) & (rays[:, 2] > MIN_DOWN)
-    points, rays, px = points[keep], rays[keep], points_px[keep]
+    usable = np.isfinite(points).all(axis=1) & (rays[:, 2] > MIN_DOWN)
+    points, rays, px = points[usable], rays[usable], points_px[usable]
     distance = ((points - origin) * rays).sum(axis=1) / (rays**2).sum(axis=1)
-    step = np.column_stack([np.maximum(sigma_px[keep], MIN_SIGMA_PX), np.zeros(len(px))])
+    step = np.column_stack([np.maximum(sigma_px[usable], MIN_SIGMA_PX), np.zeros(len(px))])
     ray_step = rotation.apply(frame.camera.rays(px + step) - frame.camera.rays(px - step)) / 2
     pixel = _project_on_plane(distance[:, None] * ray_step, rays)
     depth_step = distance[:, None] * rays * (noise.depth_fraction if mode is DepthMode.FINE else 0.0)
     flat = frame.camera.rays(px) * [-noise.focal_fraction, -noise.focal_fraction, 0.0]
     calibration = distance[:, None] * np.stack([rotation.apply(flat), rays * noise.depth_scale])
     common = _common_displacements(points, rays, calibration, frame.world_from_body.translation, mode, noise)
-    return DeckPoints(index[keep], points, pixel, depth_step, *common)
+    return DeckPoints(index[usable], points, pixel, depth_step, *common)
 
 
 def _common_displacements(

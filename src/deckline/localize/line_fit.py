@@ -194,8 +194,6 @@ def find_near_ends(
     ends, variances, shared, ratios = [], [], [], []
     for side in SIDES:
         line = deck_points[side]
-        if not len(line.points_m):
-            return Diagnostic(Reason.NO_RAMP, f"no ramp: no point of the {side} line lies on the deck")
         along_m = (line.points_m[:, :2] - centre.point_m[:2]) @ centre.direction
         nearest, farthest = int(np.argmin(along_m)), int(np.argmax(along_m))
         pixels = points[side].points_px[line.index]

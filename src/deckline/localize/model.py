@@ -95,12 +95,14 @@ def linearize_measurements(
     focal_scale = 1.0 + state.nuisances[2] * noise.focal_fraction
     rays = observations.rays / [focal_scale, focal_scale, 1.0]
     world_rays = rays @ rotation.T
-    context = _Context(observations, state, plane, noise, lever_arm, rotation, rays, world_rays, focal_scale)
+    context = Linearization(observations, state, plane, noise, lever_arm, rotation, rays, world_rays, focal_scale)
     return _linearize_pixels(context), _linearize_depths(context)
 
 
 @dataclass(frozen=True, eq=False)
-class _Context:
+class Linearization:
+    """The state at which the measurements are linearized, and what follows from it."""
+
     observations: Observations
     state: FitState
     plane: DeckPlane
@@ -120,7 +122,7 @@ class _Context:
         return self.state.nuisances[4:] * self.plane.slopes
 
 
-def _linearize_pixels(context: _Context) -> Terms:
+def _linearize_pixels(context: Linearization) -> Terms:
     """n . ray = 0 for a ray to a line, n the normal of the plane through camera and line."""
     state, line = context.state, context.observations.line
     count, noise, lever_arm = len(state.azimuths_rad), context.noise, context.lever_arm
@@ -155,7 +157,7 @@ def _linearize_pixels(context: _Context) -> Terms:
     return Terms(-residual / sigma, jacobian / sigma[:, None])
 
 
-def _project_on_lines(context: _Context, optical: Array, residual: Array) -> tuple[Array, Array]:
+def _project_on_lines(context: Linearization, optical: Array, residual: Array) -> tuple[Array, Array]:
     """The point (N, 3) of each line closest to a ray, and 1-sigma of n . ray (N,).
 
     Derivatives are taken there: at the noisy ray they would correlate with the residual and bias the fit.
@@ -171,7 +173,7 @@ def _project_on_lines(context: _Context, optical: Array, residual: Array) -> tup
     return closest, np.sqrt(variance)
 
 
-def _linearize_depths(context: _Context) -> Terms:
+def _linearize_depths(context: Linearization) -> Terms:
     """Logarithm of the distance to the deck along each ray with a depth, against the measured one."""
     has_depth = np.isfinite(context.observations.log_depth)
     if not has_depth.any():

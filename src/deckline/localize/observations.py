@@ -48,10 +48,10 @@ class Observations:
     def select(self, names: tuple[str, ...]) -> "Observations":
         """The observations of some of the lines, in the order given."""
         index = [np.flatnonzero(self.line == self.names.index(name)) for name in names]
-        keep = np.concatenate([np.zeros(0, dtype=np.int64), *index])
+        chosen = np.concatenate([np.zeros(0, dtype=np.int64), *index])
         line = np.repeat(np.arange(len(names)), [len(part) for part in index])
-        rest = (self.row_step, self.log_depth[keep], self.body_m, self.camera_m, self.rotation)
-        return Observations(names, line, self.rays[keep], self.steps[keep], *rest)
+        rest = (self.row_step, self.log_depth[chosen], self.body_m, self.camera_m, self.rotation)
+        return Observations(names, line, self.rays[chosen], self.steps[chosen], *rest)
 
 
 def observe(
@@ -100,8 +100,8 @@ def _line_rays(
     if mode != "coarse" and frame.depth_m is not None:
         depth = sample_depth(frame.depth_m, px)
         log_depth = np.log(np.where(select_independent(px, np.isfinite(depth)), depth, np.nan))
-    keep = np.isfinite(rays).all(axis=1) & np.isfinite(steps).all(axis=1) & (rays @ rotation[2] > MIN_DOWN)
-    return rays[keep], steps[keep], log_depth[keep]
+    chosen = np.isfinite(rays).all(axis=1) & np.isfinite(steps).all(axis=1) & (rays @ rotation[2] > MIN_DOWN)
+    return rays[chosen], steps[chosen], log_depth[chosen]
 
 
 def initial_height(observations: Observations, deck_z_m: float | None, fine: bool) -> float | None:

@@ -21,7 +21,7 @@ REFITS = 5  # of inliers and line in turn, after the draws
 
 
 @dataclass(frozen=True, eq=False)
-class _Weighted:
+class WeightedPoints:
     """Points to draw samples from, in ideal pixels."""
 
     xy: Array  # (N, 2)
@@ -58,7 +58,7 @@ def fit_pixel_line(points: LinePoints, camera: Camera, rng: np.random.Generator)
     if len(index) < MIN_INLIERS:
         return None
     sigma = np.maximum(points.sigma_px[index], 1e-3 * THRESHOLD_PX)
-    data = _Weighted(
+    data = WeightedPoints(
         ideal[index],
         points.confidence[index] / sigma**2,
         np.clip(3 * sigma, THRESHOLD_PX, 4 * THRESHOLD_PX),
@@ -94,7 +94,7 @@ def least_squares_line(xy: Array, weights: Array | None = None) -> Array:
     return np.array([normal[0], normal[1], -normal @ centre])
 
 
-def _find_best_draw(data: _Weighted, rng: np.random.Generator) -> Array | None:
+def _find_best_draw(data: WeightedPoints, rng: np.random.Generator) -> Array | None:
     """Rounds of draws until the error (squared distance, cut off at the threshold) stops falling."""
     best, best_error = None, np.inf
     for _ in range(MAX_ROUNDS):
@@ -122,7 +122,7 @@ def _sample_lines(samples: Array) -> Array:
     return np.column_stack([normals, -(normals * centres).sum(axis=1)])
 
 
-def _refit(line: Array, data: _Weighted) -> tuple[Array, NDArray[np.bool_]]:
+def _refit(line: Array, data: WeightedPoints) -> tuple[Array, NDArray[np.bool_]]:
     inside = np.abs(_distances(data.xy, line)) <= data.limits
     for _ in range(REFITS):
         if inside.sum() < MIN_INLIERS:
@@ -149,7 +149,7 @@ def _find_ends(xy: Array, line: Array) -> Array:
     return ends - _distances(ends, line)[:, None] * line[:2]
 
 
-def _residual_sigma(data: _Weighted, inside: NDArray[np.bool_], line: Array) -> float:
+def _residual_sigma(data: WeightedPoints, inside: NDArray[np.bool_], line: Array) -> float:
     """Weighted root mean square distance of the inliers, with two degrees of freedom less than inliers."""
     w, distance = data.weights[inside], _distances(data.xy[inside], line)
     return float(np.sqrt(w @ distance**2 / w.sum() * len(w) / max(len(w) - 2, 1)))

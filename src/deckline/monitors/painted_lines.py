@@ -7,7 +7,9 @@ over their limits is summed over the checks and flagged when the sum is large (C
 Source: Page, "Continuous inspection schemes", 1954.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -141,7 +143,8 @@ def find_paint(image_rgb: NDArray[np.uint8], left: PixelLine, right: PixelLine) 
         return PaintCheck()
     place = np.arange(-MARGIN, 1.0 + MARGIN + STEP / 2, STEP)
     u = start[:, None] + (end - start)[:, None] * place
-    ridges = _find_ridges(_sample_rows(image_rgb, rows, u), width_px)
+    sizes = [size for size in RIDGES if size * STEP * width_px >= 1.0]
+    ridges = np.maximum(ridge_response(_sample_rows(image_rgb, rows, u), sizes), 0.0)
     ridges[(u < 0) | (u > width - 1)] = 0.0
     return _measure_ridges(ridges, place, width_px)
 
@@ -161,13 +164,23 @@ def _sample_rows(image_rgb: NDArray[np.uint8], rows: NDArray[np.int64], u: Array
     return np.asarray((1.0 - share) * level[row, low] + share * level[row, low + 1])
 
 
-def _find_ridges(level: Array, width_px: float) -> Array:
-    """How much every place (N, M) of the rows is brighter than both its sides, at the best width of a stripe."""
-    best = np.zeros_like(level)
-    for size in RIDGES:
-        if size * STEP * width_px < 1.0:
+def ridge_response(level: NDArray[Any], sizes: Iterable[int], border: str = "reflect") -> NDArray[Any]:
+    """How much every place (N, M) of rows is brighter than both its sides, at the best of the sizes of a ridge.
+
+    Args:
+        level: (N, M) grey levels.
+        sizes: widths of a ridge, in places; wider ones than the rows are left out.
+        border: how rows go on beyond their ends, as scipy.ndimage names it.
+
+    Returns:
+        (N, M) of the levels' type, negative where there is no ridge, -255 where no size fits.
+    """
+    best = np.full_like(level, -255.0)
+    for size in sizes:
+        reach = size + 1
+        if level.shape[1] <= 2 * reach + size:
             continue
-        mean, reach = uniform_filter1d(level, size, axis=1), size + 1
+        mean = uniform_filter1d(level, size, axis=1, mode=border)
         inner = mean[:, reach:-reach] - np.maximum(mean[:, : -2 * reach], mean[:, 2 * reach :])
         np.maximum(best[:, reach:-reach], inner, out=best[:, reach:-reach])
     return best

@@ -53,7 +53,7 @@ def shift_reference(state: FilterState, x_m: float) -> FilterState:
 
 
 def update(state: FilterState, innovation: Array, design: Array, noise: Array) -> FilterState:
-    """Kalman update in Joseph's form, which keeps the covariance symmetric and positive.
+    """Kalman update in Joseph's form, with which the covariance stays symmetric and positive.
 
     Args:
         innovation: (m,) measured minus predicted.

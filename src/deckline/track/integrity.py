@@ -129,7 +129,7 @@ def bias_flag(state: FilterState, near_m: float, config: RunConfig) -> Diagnosti
 
 
 def unverified_reasons(state: FilterState, age_s: float, near_m: float, config: RunConfig) -> Diagnostics:
-    """What keeps a track from being trusted that no test flags.
+    """Why a track that no test flags is not verified.
 
     Several errors that are each just possible are unlikely together: the overall model test, which sums the squares of
     all prior tests. They count as independent, which they are not quite: one in 2,000 `ok` frames of modelled nominal

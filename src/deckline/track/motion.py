@@ -59,7 +59,7 @@ def start_aircraft(frame: Frame, sigma_m: float) -> Aircraft | None:
 
 
 def predict_aircraft(aircraft: Aircraft, time_s: float) -> Aircraft:
-    """The aircraft at a later time without another pose: it keeps its velocity and its turn rate."""
+    """The aircraft at a later time without another pose: its velocity and turn rate stay."""
     dt = time_s - aircraft.time_s
     transition = np.array([[1.0, dt], [0.0, 1.0]])
     process = ACCELERATION_M_S15**2 * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
@@ -107,7 +107,7 @@ def advance_aircraft(aircraft: Aircraft, frame: Frame, sigma_m: float) -> tuple[
 def oscillate(dt_s: float, period_s: float) -> tuple[Array, Array]:
     """Transition (2, 2) of deflection and rate over a time, and its process noise (2, 2), for deflection of 1-sigma 1.
 
-    The noise keeps deflection and rate at their stationary covariance.
+    With the noise, deflection and rate have their stationary covariance.
     """
     omega = 2 * np.pi / period_s
     decay, frequency = DAMPING * omega, omega * np.sqrt(1 - DAMPING**2)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.config import RunConfig, Sensors
+from deckline.config import RunConfig
 from deckline.track.motion import PITCH_PERIOD_S, ROLL_PERIOD_S, oscillate, stationary_covariance
 from deckline.types import RunwayLine
 
@@ -62,7 +62,7 @@ DECK_PERIODS_S = (  # of the deck's damped oscillations
 )
 
 # Measurement noise, R: floors, so that exact sensors and perfect lines leave it invertible.
-MIN_SENSOR_SIGMA_RAD, MIN_SENSOR_SIGMA_M, MIN_SENSOR_SHARE = 1e-5, 1e-3, 1e-4  # of the stated sensors
+SENSOR_FLOOR = 1e-5, 1e-3, 1e-4  # of the stated sensors: rad, m, share
 MIN_OWN_SIGMA = 1e-5  # m, rad; of a line's own noise
 MIN_OWN_SHARE = 0.02  # of a measurement's variance that is its own and not shared by all frames
 # Frames so close together err alike, so that they count as one: points are off the same way, and a deck moves otherwise
@@ -97,11 +97,6 @@ class FilterState:
         """World point (3,) -> x, y, z from the state's point."""
         offset = point_m - self.point_m
         return np.array([offset @ self.along, offset @ self.right, offset[2]])
-
-
-def limit_sensors(sensors: Sensors) -> Sensors:
-    """The sensors with the floors of the measurement noise."""
-    return sensors.with_floor(MIN_SENSOR_SIGMA_RAD, MIN_SENSOR_SIGMA_M, MIN_SENSOR_SHARE)
 
 
 def width_sigma_m(config: RunConfig) -> float:

@@ -11,7 +11,7 @@ from deckline.track.forecast import Forecast, TrackMemory, describe_track
 from deckline.track.integrity import FaultMonitor, check_order
 from deckline.track.measurement import GatedMeasurement, measure, select_consistent
 from deckline.track.motion import Aircraft, Pose, advance_aircraft, start_aircraft
-from deckline.track.states import CORRELATION_TIME_S, error_sigmas, initial_state, limit_sensors
+from deckline.track.states import CORRELATION_TIME_S, SENSOR_FLOOR, error_sigmas, initial_state
 from deckline.types import (
     SIDES,
     Diagnostic,
@@ -75,7 +75,7 @@ class Tracker:
 
     def __init__(self, config: RunConfig | None = None) -> None:
         config = config or RunConfig()
-        self.config = replace(config, sensors=limit_sensors(config.sensors))
+        self.config = replace(config, sensors=config.sensors.with_floor(*SENSOR_FLOOR))
         self.reset()
 
     def reset(self) -> None:
@@ -160,8 +160,8 @@ class Tracker:
         return runway_prior(memory.state, memory.extent, lines, unseen_s)
 
     def _advance(self, prediction: Prediction, estimate: RunwayEstimate, unusable: Diagnostics) -> Track:
-        if prediction.is_new_flight:
-            self._forget()
+        if prediction.is_new_flight:  # or another place, where no memory holds
+            self._memory, self._faults = None, FaultMonitor()
         frame, diagnostics = prediction.frame, () if prediction.restart is None else (prediction.restart,)
         lines = {side: estimate.lines[side] for side in SIDES if side in estimate.lines}
         if frame.missing is not None:
@@ -174,10 +174,6 @@ class Tracker:
             return self._start_track(FrameContext(frame, estimate, lines, 0.0, flags, diagnostics))
         context = FrameContext(frame, estimate, lines, prediction.step_s, flags, diagnostics)
         return self._continue_track(prediction.memory, context)
-
-    def _forget(self) -> None:
-        """Another flight, or another place: no memory holds there."""
-        self._memory, self._faults = None, FaultMonitor()
 
     def _start_track(self, context: FrameContext, aircraft: Aircraft | None = None) -> Track:
         """A new track where both lines are seen: one alone may be any line of the deck.

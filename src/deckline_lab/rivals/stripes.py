@@ -5,7 +5,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d, uniform_filter1d
+from scipy.ndimage import maximum_filter1d
+
+from deckline.monitors.painted_lines import ridge_response
 
 Array = NDArray[np.float64]
 # Beside a stripe the wider windows respond too. A response below this share of the largest in this window is ignored.
@@ -102,16 +104,7 @@ def stripe_response(image_rgb: NDArray[np.uint8], widths_px: tuple[int, ...]) ->
 
     The darkest colour counts, as paint is white, and the best of the widths. Negative where there is no stripe.
     """
-    level = image_rgb.min(axis=2).astype(np.float32)
-    best = np.full(level.shape, -255.0, dtype=np.float32)
-    for width in widths_px:
-        reach = width + 1
-        if level.shape[1] <= 2 * reach + width:
-            continue
-        mean = uniform_filter1d(level, width, axis=1, mode="nearest")
-        inner = mean[:, reach:-reach] - np.maximum(mean[:, : -2 * reach], mean[:, 2 * reach :])
-        np.maximum(best[:, reach:-reach], inner, out=best[:, reach:-reach])
-    return best
+    return ridge_response(image_rgb.min(axis=2).astype(np.float32), widths_px, "nearest")
 
 
 def _peaks(response: NDArray[np.float32], threshold: float) -> NDArray[np.bool_]:

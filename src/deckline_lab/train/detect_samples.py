@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from deckline.checks import check_numbers
-from deckline.detect.anchors import EDGES, STRIDE, RowGrid, encode, encode_region
+from deckline.detect.anchors import EDGES, STRIDE, RowGrid
 from deckline.detect.crop import Crop, full_crop, normalise, sample_crop
 from deckline.types import EdgeKind
 from deckline_lab.train.airlight import random_airlight
 from deckline_lab.train.detect_losses import DetectTargets
+from deckline_lab.train.line_targets import encode, encode_region
 from deckline_lab.train.line_views import LineView
 from deckline_lab.train.view_sets import Views
 from deckline_sim.camera.foreground import draw_foreground, lay_over

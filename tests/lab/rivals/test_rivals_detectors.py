@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from deckline.detect import OnnxDetector
-from deckline.detect.anchors import RowGrid, encode, encode_region
+from deckline.detect.anchors import RowGrid
 from deckline_lab.rivals.detectors import DETECTORS
 from deckline_lab.rivals.detectors.enet_sad import EnetSad
 from deckline_lab.rivals.detectors.resa import Resa
@@ -17,6 +17,7 @@ from deckline_lab.train.detect import NETWORKS, DetectTrainConfig, export_detect
 from deckline_lab.train.detect_losses import DetectTargets, LossWeights
 from deckline_lab.train.export import count_parameters, network_cost
 from deckline_lab.train.line_networks import Hybrid, LineNetwork, PyramidConfig, Ufld
+from deckline_lab.train.line_targets import encode, encode_region
 
 CULANE = (800, 288)  # width and height at which the costs were published
 CULANE_LINES = 4

@@ -5,13 +5,14 @@ import pytest
 import torch
 import torch.nn.functional as F
 
-from deckline.detect.anchors import decode, encode_region, rows_from_map
+from deckline.detect.anchors import decode, rows_from_map
 from deckline_lab.rivals.detectors import parts
 from deckline_lab.rivals.detectors.enet_sad import EnetSad, unpool
 from deckline_lab.rivals.detectors.parts import MAP_KIND, MapOutput
 from deckline_lab.rivals.detectors.resa import GAIN, ROUNDS, FeatureShift
 from deckline_lab.rivals.detectors.sad import DISTIL_FROM, attention, distillation_loss
 from deckline_lab.train.detect_losses import DetectTargets, LossWeights
+from deckline_lab.train.line_targets import encode_region
 
 
 def one_tap(module: FeatureShift) -> None:
