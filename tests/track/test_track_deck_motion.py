@@ -14,7 +14,7 @@ from deckline.options import RunOptions
 from deckline.track import Tracker
 from deckline.truth import touchdown, true_centre
 from deckline_lab.evaluation.approaches import FlightsConfig, PointNoise, fly_points
-from deckline_lab.evaluation.localization_score import pilot_figures
+from deckline_lab.evaluation.pilot_errors import pilot_figures
 
 RATE_HZ = 10.0
 

@@ -1,6 +1,7 @@
 import json
 from pathlib import Path
 
+import pytest
 from refused import refuse
 
 from deckline.cli.main import main
@@ -85,3 +86,8 @@ def test_all_faults_and_nominal_flights_are_wanted():
     assert len(set(wanted)) == len(wanted)
     twice = IntegrityConfig(runs=1, nominal=1, fault=("foul line", "foul line"))
     assert twice.wanted == [FaultRun(NOMINAL, 0), FaultRun("foul line", 0)]
+
+
+def test_a_fault_without_frames_is_named():
+    with pytest.raises(ValueError, match="swapped poses.* 0"):
+        integrity_tables({"swapped poses": [run(0.1, faulty=False)]}, 1.0)

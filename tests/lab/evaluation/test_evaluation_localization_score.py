@@ -9,13 +9,8 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from deckline.geometry import Camera, attitude
 from deckline.truth import state_error, touchdown, true_centre
 from deckline.types import Frame, RunwayLine, Segment, Truth
-from deckline_lab.evaluation.localization_score import (
-    frame_figures,
-    line_figures,
-    move_with_pose,
-    pilot_figures,
-    unit_figures,
-)
+from deckline_lab.evaluation.localization_score import frame_figures, line_figures, unit_figures
+from deckline_lab.evaluation.pilot_errors import move_with_pose, pilot_figures
 
 LEFT = Segment(np.array([0.0, 35.788523, 6.08]), np.array([-200.0, 35.788523 + 0.163 * 200, 6.08]))
 RIGHT = Segment(np.array([0.0, 20.889669, 6.08]), np.array([-200.0, 20.889669 + 0.15632 * 200, 6.08]))
