@@ -10,7 +10,7 @@ from deckline.runtime import shipped_weights
 from deckline_lab.evaluation import stage_timing
 from deckline_lab.evaluation.stage_timing import ANSWER, FILM, GUIDANCE, PEER
 
-SHORT = ["benchmark", "--duration", "1.2", "--dehazer", "none", "--threads", "1"]
+SHORT = ["benchmark", "--duration", "0.25", "--dehazer", "none", "--threads", "1"]
 
 
 def test_every_stage_of_both_modes_is_measured_beside_the_peer(tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ from deckline_lab.evaluation.integrity_paint import PAINT_LEVEL, draw_boxes, era
 from deckline_lab.evaluation.integrity_runs import RENDERED_AIDS
 from deckline_lab.evaluation.integrity_score import FaultRun, fly_run, inject_run
 from deckline_lab.evaluation.integrity_sensors import offset_line
+from deckline_lab.rivals.catalog import flight_from_config
 
 ONSET_S = 0.6  # between the third and the fourth frame
 RENDERED = [name for name, fault in FAULTS.items() if Runs.RENDERED in fault.runs]
@@ -112,7 +113,9 @@ def test_an_erased_line_is_gone_and_a_box_on_the_deck_hides_it():
 
 def test_faults_of_the_paint_change_what_they_name():
     def lit(name):
-        marked = [paint(paint(replace(at, image_rgb=np.full_like(at.image_rgb, 60)), LEFT), RIGHT) for at in flight()]
+        marked = [
+            paint(paint(replace(at, image_rgb=np.full_like(at.image_rgb, 60)), LEFT), RIGHT) for at in flight()[-1:]
+        ]
         return [np.count_nonzero(at.image_rgb[..., 0] > 150) for at in (marked[-1], injected(name, marked)[0][-1])]
 
     for name in ("extra line", "crossing line", "second runway", "glare"):
@@ -131,7 +134,7 @@ def test_rain_falls_anew_in_every_frame_and_its_drops_on_the_lens_stay():
 
 
 def test_a_flight_has_width_and_depth_only_with_that_aid(monkeypatch):
-    models = Flight.from_config(OPTIONS.run_config())
+    models = flight_from_config(OPTIONS.run_config())
     flown = []
     build = Flight.from_config
 
@@ -168,7 +171,7 @@ def test_the_rendered_campaign_resumes_and_has_a_row_for_every_fault_and_aid(tmp
 
 def test_a_film_shows_what_the_run_saw(tmp_path):
     run, sightings = FaultRun("dropped frames", 1, "no aid"), [Sighting(at) for at in flight()]
-    folder = film(sightings, run, FLIGHTS, Flight.from_config(OPTIONS.run_config()), tmp_path)
+    folder = film(sightings, run, FLIGHTS, flight_from_config(OPTIONS.run_config()), tmp_path)
     assert folder == tmp_path / "dropped_frames,_no_aid_1"
     lines = (folder / "guidance.jsonl").read_text().splitlines()
     assert len(lines) == len(list(inject_run(sightings, run, FLIGHTS))) < 6

@@ -86,6 +86,8 @@ def test_a_pilot_s_errors_are_at_the_touchdown_point():
     assert turned["deviation_m"] == pytest.approx((ahead - 20.0) * np.tan(0.01))
     assert turned["deviation_sigma_m"] == pytest.approx(np.hypot(0.2, (ahead - 20.0) * np.deg2rad(0.1)), rel=1e-3)
     assert turned["lateral_sigma_m"] == pytest.approx(np.hypot(0.2, 50.0 * np.deg2rad(0.1)), rel=1e-4)
+    relative = dataclasses.replace(line(centre, at_m=TOUCHDOWN_M), relative_covariance=COVARIANCE / 4)
+    assert pilot_figures(frame(BODY), relative, TOUCHDOWN_M)["lateral_sigma_m"] == pytest.approx(0.1)
 
 
 @given(st.tuples(*[st.floats(-5, 5)] * 3), st.floats(-0.2, 0.2))
@@ -120,13 +122,6 @@ def test_a_navigation_unit_alone_moves_lines_by_its_own_errors():
         assert figures[f"unit.intercept_error_m.{side}"] == pytest.approx(expected / cosine, abs=0.01)
     assert max(unit_figures(frame(BODY)).values()) < 1e-9
     assert unit_figures(dataclasses.replace(frame(BODY), world_from_body=None)) == {}
-
-
-def test_the_relative_covariance_is_the_pilot_s():
-    centre = dataclasses.replace(
-        line(true_centre(Truth(LEFT, RIGHT)), at_m=TOUCHDOWN_M), relative_covariance=COVARIANCE / 4
-    )
-    assert pilot_figures(frame(BODY), centre, TOUCHDOWN_M)["lateral_sigma_m"] == pytest.approx(0.1)
 
 
 def test_all_figures_of_a_frame():
