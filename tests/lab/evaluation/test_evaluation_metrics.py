@@ -83,13 +83,6 @@ def test_a_level_camera_sees_the_horizon_at_its_middle():
     assert below_horizon(camera, banked)[:3].all()
 
 
-def test_distance_is_normal_to_the_line_and_ignores_where_along_it():
-    camera = Camera.from_fov(640, 360, np.deg2rad(60.0))
-    line = np.array([[100.0, 300.0], [250.0, 150.0], [300.0, 100.0]])  # u + v = 400
-    found = distance_px([[200.0, 200.0], [203.0, 203.0], [0.0, 400.0]], line, camera)
-    np.testing.assert_allclose(found, [0.0, 3.0 * np.sqrt(2), 0.0], atol=1e-9)
-
-
 def test_distance_is_taken_without_the_lens():
     lens = Camera(640, 360, 500.0, 500.0, 319.5, 179.5, (-0.2, 0.03, 0.0, 0.0, 0.0))
     ends = np.array([[-3.0, 2.0, 6.0], [6.0, 2.0, 12.0]])
