@@ -58,7 +58,7 @@ def test_pairs_of_a_labelled_folder_and_their_lines_with_the_shipped_detector(pa
     assert band == "500-1000 m" and summary["images"] == summary["asked"] == 1
     clear, hazy = (cv2.imread(str(pair_folder / name)) for name in ("a_clear.png", "a_vis900.png"))
     assert summary["means"]["psnr_db"] == pytest.approx(peak_signal_noise_ratio(clear, hazy), abs=1e-9)
-    assert "psnr_db_surface" not in summary["means"]  # nothing says where sea and ship are
+    assert "psnr_db_surface" not in summary["means"]  # sea and ship are unknown
     assert summary["lines"]["found_rate"] == 1.0
     assert summary["lines"]["point_error_px.median"] < 1.5
     text = capsys.readouterr().out

@@ -84,9 +84,9 @@ def test_a_frame_that_cannot_be_read_parts_its_neighbours(approach, tmp_path, ca
     name = open_recording(broken).load(1).file
     (broken / "images" / name).write_bytes(b"cut")
     assert main(["eval", "flicker", str(broken), "--dehazer", "none"]) == 0
-    said = capsys.readouterr()
-    assert f"skipped {name}" in said.err
-    assert "pairs of frames: 1," in said.out  # 3 frames are left; the first stands alone
+    printed = capsys.readouterr()
+    assert f"skipped {name}" in printed.err
+    assert "pairs of frames: 1," in printed.out  # 3 frames are left; the first has no neighbour
 
 
 def test_a_dehazer_sees_no_truth_and_only_near_depth(approach):
@@ -124,7 +124,7 @@ def frame(
     deck_z_m: float = -100.0,
     image: np.ndarray | None = None,
 ) -> Frame:
-    """Looks along world x; a wall at one depth unless told otherwise, all of it below the deck's height."""
+    """Faces along world x towards a wall at one depth, by default, all of it below the deck's height."""
     return Frame(
         name,
         0.0,

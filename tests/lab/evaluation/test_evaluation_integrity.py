@@ -33,7 +33,7 @@ def test_a_nominal_flight_is_followed_to_decimetres():
 
 
 def test_swapped_lines_are_not_followed():
-    """They are left out, so the track coasts; nothing it says is turned round."""
+    """The track leaves them out and coasts; its lines are not exchanged."""
     states = [m for m in fly(FaultRun("swapped lines", 0)) if m.faulty]
     assert 5 < len(states) < 14
     assert all(state.lateral_m is None or abs(state.lateral_m) < 3.0 for state in states)

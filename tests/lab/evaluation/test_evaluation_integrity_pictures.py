@@ -108,7 +108,7 @@ def test_an_erased_line_is_gone_and_a_box_on_the_deck_hides_it():
     behind_the_camera = draw_boxes(painted, RIGHT, [(-2.0, 0.0)], (12.0, 6.0, 4.0), 20.0)
     np.testing.assert_array_equal(behind_the_camera.image_rgb, painted.image_rgb)
     two = draw_boxes(painted, RIGHT, [(0.5, 0.0), (0.5, -5.0)], (12.0, 4.0, 4.0), 20.0)
-    assert np.argwhere(two.image_rgb[..., 0] == 20)[:, 1].mean() < u  # the second one stands to the left of the first
+    assert np.argwhere(two.image_rgb[..., 0] == 20)[:, 1].mean() < u  # the second one is left of the first
 
 
 def test_faults_of_the_paint_change_what_they_name():
