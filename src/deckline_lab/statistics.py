@@ -91,6 +91,16 @@ def paired_difference(
     return Difference(value, float(interval.low), float(interval.high), len(values))
 
 
+def resample_runs(
+    totals: NDArray[np.float64], counts: NDArray[np.int64], rng: np.random.Generator
+) -> tuple[float, float]:
+    """95 % percentile bootstrap interval of a mean over all frames, drawn run by run: sums (N,) and frames (N,)."""
+    drawn = rng.integers(0, len(counts), (RESAMPLES, len(counts)))
+    means = totals[drawn].sum(axis=1) / counts[drawn].sum(axis=1)
+    low, high = np.quantile(means, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
+    return float(low), float(high)
+
+
 @dataclass(frozen=True)
 class Consistency:
     """How errors compare with the covariance that came with them."""
@@ -119,9 +129,6 @@ def consistency(runs: Sequence[Sequence[float]], degrees: int, rng: np.random.Ge
     values = np.concatenate(runs)
     low = high = float("nan")
     if len(runs) > 1:
-        totals, counts = (np.array([of(run) for run in runs]) for of in (np.sum, len))
-        drawn = rng.integers(0, len(runs), (RESAMPLES, len(runs)))
-        means = totals[drawn].sum(axis=1) / counts[drawn].sum(axis=1)
-        low, high = (float(end) for end in np.quantile(means, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2]))
+        low, high = resample_runs(np.array([np.sum(run) for run in runs]), np.array([len(run) for run in runs]), rng)
     inside = float(np.mean(values <= chi2.ppf(CONFIDENCE, degrees)))
     return Consistency(float(values.mean()), low, high, inside, len(values))

@@ -13,7 +13,7 @@ from deckline.flight import Flight
 from deckline.options import RunOptions
 from deckline.track import Tracker
 from deckline_lab.evaluation.approaches import FlightsConfig, PointNoise, fly_points
-from deckline_lab.evaluation.localization_score import pilot_figures
+from deckline_lab.evaluation.pilot_errors import pilot_figures
 
 RATE_HZ = 10.0
 

@@ -116,20 +116,17 @@ def measure(dehazers: Mapping[str, OnnxDehazer | None], source: Recording, indic
     with progress("measuring", len(indices)) as advance:
         for index in indices:
             missing = [row for row in dehazers if (index, weights[row]) not in store.rows]
-            if missing and (frame := _load(source, index)) is not None:
+            try:
+                frame = source.load(index) if missing else None
+            except FrameError as error:
+                print_line(f"skipped {error}")
+                frame = None
+            if frame is not None:
                 for row in missing:
                     store.add((index, weights[row]), _score(frame, dehazers[row]))
             advance()
     rows = store.rows
     return {row: {k: rows[k, sha] for k in indices if (k, sha) in rows} for row, sha in weights.items()}
-
-
-def _load(source: Recording, index: int) -> Frame | None:
-    try:
-        return source.load(index)
-    except FrameError as error:
-        print_line(f"skipped {error}")
-        return None
 
 
 def _score(frame: Frame, dehazer: OnnxDehazer | None) -> Figures:

@@ -9,7 +9,7 @@ from scipy.stats import norm
 from deckline.report.bands import by_band
 from deckline_lab.evaluation.integrity_score import FrameState
 from deckline_lab.evaluation.tables import MISSING, Table
-from deckline_lab.statistics import APPROACH_RANGE_M, CONFIDENCE, RESAMPLES
+from deckline_lab.statistics import APPROACH_RANGE_M, resample_runs
 
 PROMISED = (0.68, 0.95, 0.999)  # shares of errors within an interval of a normal
 QUANTITIES = {  # error and 1-sigma, by what people call them
@@ -59,8 +59,5 @@ def two_sided(share: float) -> float:
 def flight_interval(flights: NDArray[np.int64], inside: NDArray[np.bool_]) -> tuple[float, float]:
     """95 % percentile bootstrap interval, %, of the share of frames (N,) that are inside, drawn flight by flight."""
     _, index = np.unique(flights, return_inverse=True)
-    hits, counts = np.bincount(index, inside), np.bincount(index)
-    drawn = np.random.default_rng(0).integers(0, len(counts), (RESAMPLES, len(counts)))
-    shares = hits[drawn].sum(axis=1) / counts[drawn].sum(axis=1)
-    low, high = np.quantile(shares, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
-    return 100 * float(low), 100 * float(high)
+    low, high = resample_runs(np.bincount(index, inside), np.bincount(index), np.random.default_rng(0))
+    return 100 * low, 100 * high

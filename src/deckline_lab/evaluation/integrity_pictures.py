@@ -1,5 +1,6 @@
 """Faults of rendered pictures: optics, light, weather, and paint and objects on the deck."""
 
+import weakref
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -82,6 +83,8 @@ def rain(rng: np.random.Generator) -> Step:
         from deckline_sim.scene.view import Rendering
     config = ExposureConfig(rain_mm_h=float(rng.uniform(*RAIN_MM_H)), lens_drops=int(rng.integers(*LENS_DROPS)))
     seed = int(rng.integers(2**31))
+    context = open_context()
+    exposure_pass = ExposurePass(context)
 
     def step(flight: History, first: int) -> list[Sighting]:
         number, frame = len(flight) - 1 - first, flight[-1].frame
@@ -94,12 +97,12 @@ def rain(rng: np.random.Generator) -> Step:
         recording, drops = np.random.default_rng(seed), np.random.default_rng([seed, number])
         exposure = draw_exposure(config, frame.camera, pose, velocity, np.zeros(3), recording, drops, wide=False)
         light = np.asarray((frame.image_rgb / 255) ** GAMMA, dtype=np.float32)
-        with open_context() as context:
-            lit = Rendering(light, np.ones(light.shape[:2], np.float32))
-            wet = ExposurePass(context).expose(lit, frame.camera, exposure).radiance
+        lit = Rendering(light, np.ones(light.shape[:2], np.float32))
+        wet = exposure_pass.expose(lit, frame.camera, exposure).radiance
         levels = 255 * np.clip(wet, 0, 1) ** (1 / GAMMA)
         return [flight[-1]._replace(frame=replace(frame, image_rgb=np.rint(levels).astype(np.uint8)))]
 
+    weakref.finalize(step, context.release)  # at the end of the flight
     return step
 
 

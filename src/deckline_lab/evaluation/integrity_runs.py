@@ -216,6 +216,8 @@ def _faults_table(rows: Mapping[str, FaultRow]) -> Table:
     """One row a fault; the title has all of them together."""
     cells = []
     for name, row in rows.items():
+        if not row.frames:
+            raise ValueError(f"{name}: the fault must be in at least 1 frame, got 0: use more --frames or --runs")
         counts = (row.runs, row.detected, row.harmless, row.misleading, row.misleading_ok)
         frames = (row.misleading_frames, row.excluding_frames, row.frames - row.lost_frames)
         shares = (f"{100 * count / row.frames:.2f}" for count in frames)

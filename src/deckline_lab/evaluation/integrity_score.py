@@ -13,7 +13,7 @@ from deckline.truth import passing_distance_m, range_to_ramp_m, true_guidance, t
 from deckline.types import Status
 from deckline_lab.evaluation.approaches import FlightsConfig, Sighting
 from deckline_lab.evaluation.integrity_faults import FAULTS, inject
-from deckline_lab.evaluation.localization_score import pilot_figures
+from deckline_lab.evaluation.pilot_errors import pilot_figures
 
 ALERT_S = 1.0  # a misleading frame this much before the flag still counts as detected; our choice
 SETTLED_S = 2.0  # after the first guidance: contradictions have had time to show

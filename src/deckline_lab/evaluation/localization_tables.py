@@ -10,7 +10,8 @@ from deckline.localize import localize
 from deckline.report.bands import by_band, share
 from deckline.types import SIDES
 from deckline_lab.evaluation.localization_methods import Method
-from deckline_lab.evaluation.localization_score import STATES, LocalizationScore
+from deckline_lab.evaluation.localization_score import LocalizationScore
+from deckline_lab.evaluation.pilot_errors import STATES
 from deckline_lab.evaluation.tables import MISSING, Figures, Table, number
 from deckline_lab.statistics import APPROACH_RANGE_M, VISIBILITY_M, consistency, percentile
 

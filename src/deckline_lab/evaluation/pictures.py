@@ -23,7 +23,8 @@ from deckline_lab.evaluation.dehazing_score import ImageScore, restoration
 from deckline_lab.evaluation.detection_score import DetectionScore
 from deckline_lab.evaluation.detection_truth import ExpectedLines, SceneKind
 from deckline_lab.evaluation.frames import FrameSet
-from deckline_lab.evaluation.localization_score import STATES, LocalizationScore
+from deckline_lab.evaluation.localization_score import LocalizationScore
+from deckline_lab.evaluation.pilot_errors import STATES
 
 TILE_PX = 360  # width
 TEXT_PX = 15

@@ -73,11 +73,7 @@ def measure_file(source: Recording, flight: Flight, film: Path) -> Timing:
 def measure_run(source: Recording, flight: Flight, out: Path) -> float:
     """Frames a second of `deckline run` into a new folder, film and report included."""
     start = time.perf_counter()
-    return run(
-        source,
-        flight,
-        out,
-    ).frames / (time.perf_counter() - start)
+    return run(source, flight, out).frames / (time.perf_counter() - start)
 
 
 def measure_live(source: Recording, flight: Flight) -> tuple[Timing, FrameCounts]:

@@ -215,7 +215,8 @@ def read_saved(path: Path) -> Saved:
     try:
         saved: dict[str, Any] = parse_plain(json.loads, read_regular(path).decode())
         tables = [Table(**table) for table in saved["_tables"]]
-        return Saved(_one_line(saved["_title"]), saved["_command"], dict(saved["_made_with"]), tables, saved["_notes"])
+        title = " ".join(saved["_title"].split())
+        return Saved(title, saved["_command"], dict(saved["_made_with"]), tables, saved["_notes"])
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"{path}: not the figures of an evaluation ({error!r}); save them with --json") from None
 
@@ -227,7 +228,3 @@ def _section(path: Path, count: int | None) -> tuple[str, str]:
     parts = [f"## {heading}", f"{saved.title}.", f"```\n{saved.command}\n```"]
     parts += [markdown(table, gap="") for table in saved.tables[:count]]
     return ", ".join(saved.made_with.values()), "\n\n".join([*parts, *(saved.notes if count is None else [])])
-
-
-def _one_line(text: str) -> str:
-    return " ".join(text.split())

@@ -98,10 +98,10 @@ def test_rows_are_trained_and_measured_once(
     dataset: Path, trained: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     command = ["eval", "ablation", str(dataset), "--out", str(trained), *OPTIONS]
-    kept = {path: path.read_bytes() for path in trained.rglob("*") if path.suffix in (".onnx", ".jsonl")}
+    before = {path: path.read_bytes() for path in trained.rglob("*") if path.suffix in (".onnx", ".jsonl")}
     assert main(command) == 0
     assert capsys.readouterr().out.count("finished before") == 4
-    assert {path: path.read_bytes() for path in kept} == kept
+    assert {path: path.read_bytes() for path in before} == before
     assert main([*command, "--batch", "1"]) == 2
     assert "images.jsonl was made with batch 2, not 1" in capsys.readouterr().err
     # A row that is missing is trained again, from where Ctrl-C stopped it.

@@ -42,7 +42,7 @@ def write_recording(folder: Path, clear_too: bool = True) -> Path:
 
 
 def write_network(path: Path) -> Path:
-    """A network without a coarse grid that gives the picture back, trained on pictures 32 px wide, so to say."""
+    """A network without a coarse grid whose output is its input, with a working size of 32 px."""
     sizes = [1, 3, "height", "width"]
     values = [onnx.helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, sizes) for name in ("image", "clear")]
     graph = onnx.helper.make_graph(

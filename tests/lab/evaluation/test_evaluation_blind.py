@@ -1,4 +1,4 @@
-"""Blind sheets: what is on them, what the key says, and the count of votes against one by hand."""
+"""Blind sheets: their panels, their key, and the count of votes against one by hand."""
 
 import csv
 import json

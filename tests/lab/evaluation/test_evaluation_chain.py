@@ -19,15 +19,20 @@ LEFT_PX = np.array([[100.0, 300.0], [250.0, 150.0], [300.0, 100.0]])  # u + v = 
 RIGHT_PX = np.array([[500.0, 300.0], [400.0, 100.0]])
 
 
-def test_perfect_points_have_no_error():
+def test_perfect_points_have_no_error_and_none_leave_no_errors():
     frame = frame_at()
     score = score_frame(result_of(frame, pixels_of(frame, LEFT), pixels_of(frame, RIGHT)), STILL.approach)
+    blind = score_frame(result_of(frame, [], []), STILL.approach)
     assert score.seen == LineVisibility.BOTH
     assert score.mode == DepthMode.COARSE
     assert score.range_m == pytest.approx(100.0)
     for name in ("direction_error_deg.left", "lateral_error_at_ramp_m.right", "height_error_m.centre"):
         assert score.errors[name] == pytest.approx(0.0, abs=1e-4)
     assert score.errors["point_error_px.left"] == pytest.approx(0.0, abs=1e-6)
+    assert not [name for name in blind.errors if "error" in name]
+    figures = summarise([blind, score])
+    assert figures["found_rate"] == figures["not_seen_rate"] == figures["mode_rate.coarse"] == 0.5
+    assert figures["coarse.direction_error_deg.left.median"] == pytest.approx(0.0, abs=1e-4)
 
 
 def test_a_line_seen_half_a_metre_aside_is_half_a_metre_wrong():
@@ -35,18 +40,6 @@ def test_a_line_seen_half_a_metre_aside_is_half_a_metre_wrong():
     score = score_frame(result_of(frame, pixels_of(frame, LEFT, 0.5), pixels_of(frame, RIGHT)), STILL.approach)
     assert score.errors["lateral_error_at_ramp_m.left"] == pytest.approx(0.5, abs=0.01)
     assert score.errors["lateral_error_at_ramp_m.centre"] == pytest.approx(0.25, abs=0.15)
-
-
-def test_nothing_seen_counts_as_not_found_and_leaves_no_errors():
-    frame = frame_at()
-    blind = score_frame(result_of(frame, [], []), STILL.approach)
-    found = score_frame(result_of(frame, pixels_of(frame, LEFT), pixels_of(frame, RIGHT)), STILL.approach)
-    figures = summarise([blind, found])
-    assert not [name for name in blind.errors if "error" in name]
-    assert figures["found_rate"] == 0.5
-    assert figures["not_seen_rate"] == 0.5
-    assert figures["mode_rate.coarse"] == 0.5
-    assert figures["coarse.direction_error_deg.left.median"] == pytest.approx(0.0, abs=1e-4)
 
 
 def test_lines_in_an_empty_scene_are_false_lines():

@@ -58,7 +58,7 @@ def test_pairs_of_a_labelled_folder_and_their_lines_with_the_shipped_detector(pa
     assert band == "500-1000 m" and summary["images"] == summary["asked"] == 1
     clear, hazy = (cv2.imread(str(pair_folder / name)) for name in ("a_clear.png", "a_vis900.png"))
     assert summary["means"]["psnr_db"] == pytest.approx(peak_signal_noise_ratio(clear, hazy), abs=1e-9)
-    assert "psnr_db_surface" not in summary["means"]  # nothing says where sea and ship are
+    assert "psnr_db_surface" not in summary["means"]  # sea and ship are unknown
     assert summary["lines"]["found_rate"] == 1.0
     assert summary["lines"]["point_error_px.median"] < 1.5
     text = capsys.readouterr().out
@@ -110,17 +110,12 @@ def test_true_lines_are_measured_where_the_recording_holds_them(pair_folder, tmp
     assert open_pairs(pair_folder).load("a_vis900.png").in_view == ()  # labelled in the image: no ranges
 
 
-def test_dehazers_never_see_truth_and_see_depth_where_asked_for(tmp_path):
+def test_a_pair_has_no_truth_the_given_heights_depth_where_asked_for_and_its_rain(tmp_path):
     recording = write_recording(tmp_path / "recording")
-    for with_depth in (False, True):
-        frame = open_pairs(recording, with_depth=with_depth).load("0").frame
-        assert frame.truth is None
-        assert (frame.depth_m is not None) is with_depth
-
-
-def test_a_pair_has_its_rain(tmp_path):
-    recording = write_recording(tmp_path / "recording")
-    assert open_pairs(recording).load("0").film is None
+    pair = open_pairs(recording).load("0")
+    assert (pair.frame.truth, pair.frame.depth_m, pair.frame.deck_z_m, pair.film) == (None, None, -20.0, None)
+    frame = open_pairs(recording, deck_z_m=-18.5, sea_z_m=2.5, with_depth=True).load("0").frame
+    assert (frame.truth, frame.deck_z_m, frame.sea_z_m) == (None, -18.5, 2.5) and frame.depth_m is not None
     scene = json.loads((recording / "scene.json").read_text())
     for index, entry in enumerate(scene["frames"].values()):
         exposure = {"rain_mm_h": 2.0 * index, "lens_drops": 0, "exposure_s": 0.0}
@@ -128,10 +123,3 @@ def test_a_pair_has_its_rain(tmp_path):
     (recording / "scene.json").write_text(json.dumps(scene))
     pairs = open_pairs(recording)
     assert [pairs.load(key).film for key in pairs.keys] == ["dry and sharp", "rain", "rain", "rain"]
-
-
-def test_heights_that_are_given_override_those_of_the_source(tmp_path):
-    recording = write_recording(tmp_path / "recording")
-    assert open_pairs(recording).load("0").frame.deck_z_m == -20.0
-    frame = open_pairs(recording, deck_z_m=-18.5, sea_z_m=2.5).load("0").frame
-    assert (frame.deck_z_m, frame.sea_z_m) == (-18.5, 2.5)

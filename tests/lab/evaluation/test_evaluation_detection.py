@@ -129,6 +129,17 @@ def labelled_folder(folder):
     return folder
 
 
+def test_a_datasets_folder_opens_its_recordings_and_many_are_named_by_the_first_and_the_last(tmp_path):
+    paths = [tmp_path / str(k) for k in range(9)]
+    for path in paths:
+        with RecordingWriter(path) as writer:
+            writer.add(frame())
+    sets = open_recorded((tmp_path,))
+    assert [(item.name, len(item)) for item in sets] == [(str(path), 1) for path in paths]
+    assert name_sets(sets[:2]) == f"{paths[0]}, {paths[1]}"
+    assert name_sets(sets) == f"9 sources, {paths[0]} to {paths[8]}"
+
+
 def test_labelled_images_are_a_source_and_unlabelled_ones_are_not(tmp_path):
     folder = labelled_folder(tmp_path / "mine")
     (item,) = open_recorded((folder,))
@@ -136,12 +147,6 @@ def test_labelled_images_are_a_source_and_unlabelled_ones_are_not(tmp_path):
     assert item.load(1).expected.scene is SceneKind.EMPTY
     assert item.load(2) is None
     assert item.load(0).ship == "labelled"
-
-
-def test_a_datasets_folder_opens_its_recordings(recording):
-    (item,) = open_recorded((recording.parent,))
-    assert item.name == str(recording)
-    assert len(item) == 4
 
 
 def test_the_command_measures_the_shipped_detector_and_writes_what_it_is_asked_for(tmp_path, capsys):
@@ -181,16 +186,6 @@ def test_sources_that_cannot_be_evaluated_are_named(recording, tmp_path, capsys)
         writer.add(frame())
     (plain / "scene.json").unlink()
     assert "scene.json" in refuse(capsys, "detection", plain)
-
-
-def test_many_sources_are_named_by_the_first_and_the_last(tmp_path):
-    paths = [tmp_path / str(k) for k in range(9)]
-    for path in paths:
-        with RecordingWriter(path) as writer:
-            writer.add(frame())
-    sets = open_recorded(paths)
-    assert name_sets(sets[:2]) == f"{paths[0]}, {paths[1]}"
-    assert name_sets(sets) == f"9 sources, {paths[0]} to {paths[8]}"
 
 
 def score_of(index: int, found: int, range_m: float = 150.0, scene: SceneKind = SceneKind.DECK) -> DetectionScore:

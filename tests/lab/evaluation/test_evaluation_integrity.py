@@ -1,6 +1,7 @@
 import json
 from pathlib import Path
 
+import pytest
 from refused import refuse
 
 from deckline.cli.main import main
@@ -31,14 +32,8 @@ def test_a_nominal_flight_is_followed_to_decimetres():
     assert max(abs(state.height_m) for state in settled) < 1.0
 
 
-def test_the_same_run_is_the_same_again():
-    first, again = (fly(FaultRun("boresight 1 deg", 1)) for _ in range(2))
-    assert first == again != fly(FaultRun(NOMINAL, 1))
-    assert all(state.faulty for state in first)
-
-
 def test_swapped_lines_are_not_followed():
-    """They are left out, so the track coasts; nothing it says is turned round."""
+    """The track leaves them out and coasts; its lines are not exchanged."""
     states = [m for m in fly(FaultRun("swapped lines", 0)) if m.faulty]
     assert 5 < len(states) < 14
     assert all(state.lateral_m is None or abs(state.lateral_m) < 3.0 for state in states)
@@ -85,3 +80,8 @@ def test_all_faults_and_nominal_flights_are_wanted():
     assert len(set(wanted)) == len(wanted)
     twice = IntegrityConfig(runs=1, nominal=1, fault=("foul line", "foul line"))
     assert twice.wanted == [FaultRun(NOMINAL, 0), FaultRun("foul line", 0)]
+
+
+def test_a_fault_without_frames_is_named():
+    with pytest.raises(ValueError, match=r"swapped poses.* 0"):
+        integrity_tables({"swapped poses": [run(0.1, faulty=False)]}, 1.0)

@@ -17,7 +17,6 @@ from deckline_lab.evaluation.localization_tables import (
     line_means,
     localization_tables,
     measure_required,
-    misleads,
     run_mean,
     unusable_improvement,
     usable_share,
@@ -130,13 +129,6 @@ def mixed_scores() -> dict[str, list[LocalizationScore]]:
 def test_tables_and_figures_of_known_scores(name, scores):
     results = {"tables": localization_tables(scores, METHODS), "figures": flat_figures(scores)}
     check_golden(GOLDEN / f"localization_{name}.json", results)
-
-
-def test_a_frame_misleads_beyond_its_protection_level_without_a_flag():
-    beyond = {"centre.deviation_m": -0.6, "protection.lateral_m": 0.5}
-    assert misleads(beyond)
-    assert not misleads(beyond | {"flagged": 1.0})
-    assert not misleads({"centre.height_m": 9.0, "protection.lateral_m": 1.0})
 
 
 def test_pictures_are_drawn(tmp_path):

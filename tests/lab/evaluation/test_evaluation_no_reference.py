@@ -108,7 +108,7 @@ def test_the_worst_picture_is_the_lowest_gain_and_the_highest_loss() -> None:
 
 
 def draw_deck(contrast_to_m: float) -> tuple[np.ndarray, list[VisibleLine]]:
-    """A grey deck whose lines, 2 m wide, stand out by 20 % of its light up to a range, by nothing beyond; the lines."""
+    """A grey deck whose lines, 2 m wide, are 20 % brighter up to a range and no brighter beyond; the lines."""
     frame = frame_at(-60.0)
     v, u = np.mgrid[0 : CAMERA.height, 0 : CAMERA.width]
     rays = frame.world_from_camera.rotation.apply(CAMERA.rays(np.stack([u.ravel(), v.ravel()], axis=1)))

@@ -4,24 +4,12 @@ import json
 import math
 
 import pytest
+from refused import refuse
 
 from deckline.cli.main import main
 from deckline_lab.evaluation.tables import OutputFiles, Table, markdown, number, publish
 
 TABLE = Table("errors", ("side", "m [1-sigma]"), [("left", "0.1 [0.0, 0.2]"), ("left", "-")], notes=("A note.",))
-
-
-def test_a_table_as_markdown():
-    assert markdown(TABLE).splitlines() == [
-        "**errors**",
-        "",
-        "| side | m [1-sigma] |",
-        "| --- | ---: |",
-        "| left | 0.1 [0.0, 0.2] |",
-        "| left | - |",
-        "",
-        "A note.",
-    ]
 
 
 def test_figures_are_saved_beside_what_they_were_made_with(tmp_path, capsys, monkeypatch):
@@ -40,15 +28,12 @@ def test_figures_are_saved_beside_what_they_were_made_with(tmp_path, capsys, mon
     assert {"deckline", "machine", "python", "date"} <= saved["_made_with"].keys()
     assert saved["_tables"][0]["rows"] == [["left", "0.1 [0.0, 0.2]"], ["left", "-"]]
     assert saved["_notes"] == ["The end."]
-    assert markdown(TABLE) in files[1].read_text()
+    written = "**errors**\n\n| side | m [1-sigma] |\n| --- | ---: |\n| left | 0.1 [0.0, 0.2] |\n| left | - |\n\nA note."
+    assert markdown(TABLE) == written and written in files[1].read_text()
+    assert [number(value, ".1f") for value in (1.234, None, math.nan, math.inf)] == ["1.2", "-", "-", "-"]
     shown = capsys.readouterr().out
     for words in ("two frames", "errors", "0.1 [0.0, 0.2]", "A note.", "The end.", str(files[0]), str(files[1])):
         assert words in shown.replace("\n", "")
-
-
-@pytest.mark.parametrize(("value", "text"), [(1.234, "1.2"), (None, "-"), (math.nan, "-"), (math.inf, "-")])
-def test_numbers_in_cells(value, text):
-    assert number(value, ".1f") == text
 
 
 def save(path, title):
@@ -73,15 +58,13 @@ def test_a_page_has_a_section_for_every_file(tmp_path, capsys):
     assert "|found_rate|0.97|" in page.read_text() and "Rates are shares." not in page.read_text()
 
 
-@pytest.mark.parametrize("content", ['{"found_rate": 0.97}', "[1]", '{"_tables": ', '{"_tables": [{"title": 1}]}'])
-def test_a_file_that_no_evaluation_saved_is_one_line(tmp_path, capsys, content):
-    (tmp_path / "other.json").write_text(content)
-    assert main(["eval", "report", str(tmp_path), "--out", str(tmp_path / "r.md")]) == 2
-    error = capsys.readouterr().err.strip().splitlines()
-    assert len(error) == 1 and "other.json" in error[0]
+CONTENTS = ('{"found_rate": 0.97}', "[1]", '{"_tables": ', '{"_tables": [{"title": 1}]}', None)
+
+
+@pytest.mark.parametrize("content", CONTENTS)
+def test_a_file_that_no_evaluation_saved_and_an_empty_folder_are_one_line(tmp_path, capsys, content):
+    if content is not None:
+        (tmp_path / "other.json").write_text(content)
+    error = refuse(capsys, "report", tmp_path, "--out", tmp_path / "r.md")
+    assert ("other.json" if content else str(tmp_path)) in error
     assert not (tmp_path / "r.md").exists()
-
-
-def test_a_folder_without_figures_is_one_line(tmp_path, capsys):
-    assert main(["eval", "report", str(tmp_path)]) == 2
-    assert str(tmp_path) in capsys.readouterr().err
