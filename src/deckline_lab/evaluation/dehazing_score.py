@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,7 +116,7 @@ def _summarise_group(scores: Sequence[ImageScore], reference: str) -> dict[str, 
             values = [score.figures[figure] for score in ours.values() if figure in score.figures]
             if values:
                 means[figure] = float(np.mean(values))
-            pairs = _paired(ours, theirs, lambda score, figure=figure: score.figures.get(figure))
+            pairs = _paired(ours, theirs, partial(_figure, figure))
             if pairs and name != reference:
                 differences[figure] = paired_difference(pairs, rng)
         if name != NOT_DEHAZED:
@@ -135,6 +136,10 @@ def _summarise_group(scores: Sequence[ImageScore], reference: str) -> dict[str, 
             len(ours), left_alone, means, differences, len(asked), lines, line_differences, no_reference
         )
     return summaries
+
+
+def _figure(name: str, score: ImageScore) -> float | None:
+    return score.figures.get(name)
 
 
 def _median_distance(score: ImageScore) -> float | None:
