@@ -91,9 +91,7 @@ def paired_difference(
     return Difference(value, float(interval.low), float(interval.high), len(values))
 
 
-def resample_runs(
-    totals: NDArray[np.float64], counts: NDArray[np.int64], rng: np.random.Generator
-) -> tuple[float, float]:
+def resample_runs(totals: NDArray[Any], counts: NDArray[Any], rng: np.random.Generator) -> tuple[float, float]:
     """95 % percentile bootstrap interval of a mean over all frames, drawn run by run: sums (N,) and frames (N,)."""
     drawn = rng.integers(0, len(counts), (RESAMPLES, len(counts)))
     means = totals[drawn].sum(axis=1) / counts[drawn].sum(axis=1)

@@ -59,5 +59,6 @@ def two_sided(share: float) -> float:
 def flight_interval(flights: NDArray[np.int64], inside: NDArray[np.bool_]) -> tuple[float, float]:
     """95 % percentile bootstrap interval, %, of the share of frames (N,) that are inside, drawn flight by flight."""
     _, index = np.unique(flights, return_inverse=True)
-    low, high = resample_runs(np.bincount(index, inside).astype(np.float64), np.bincount(index), np.random.default_rng(0))
+    hits = np.bincount(index, inside).astype(np.float64)
+    low, high = resample_runs(hits, np.bincount(index), np.random.default_rng(0))
     return 100 * low, 100 * high

@@ -116,7 +116,7 @@ def _summarise_group(scores: Sequence[ImageScore], reference: str) -> dict[str, 
             values = [score.figures[figure] for score in ours.values() if figure in score.figures]
             if values:
                 means[figure] = float(np.mean(values))
-            pairs = _paired(ours, theirs, partial(_get_figure, figure))
+            pairs = _paired(ours, theirs, partial(_figure, figure))
             if pairs and name != reference:
                 differences[figure] = paired_difference(pairs, rng)
         if name != NOT_DEHAZED:
@@ -138,12 +138,12 @@ def _summarise_group(scores: Sequence[ImageScore], reference: str) -> dict[str, 
     return summaries
 
 
+def _figure(name: str, score: ImageScore) -> float | None:
+    return score.figures.get(name)
+
+
 def _median_distance(score: ImageScore) -> float | None:
     return float(np.median(score.distances_px)) if len(score.distances_px) else None
-
-
-def _get_figure(name: str, score: ImageScore) -> float | None:
-    return score.figures.get(name)
 
 
 def _paired(
