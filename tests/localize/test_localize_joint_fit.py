@@ -11,7 +11,7 @@ from deckline.config import Deck, Sensors
 from deckline.geometry import wrap_angle
 from deckline.localize import solver
 from deckline.localize.model import NUISANCES, FitState, linearize_deck_prior
-from deckline.localize.observations import observe
+from deckline.localize.observations import initial_height, initial_line, observe
 from deckline.localize.ransac import fit_pixel_line
 from deckline.types import SIDES, DepthMode, LineVisibility, Reason
 from deckline_lab.evaluation.cramer_rao import cramer_rao
@@ -31,6 +31,7 @@ from runway_scene import (
     detection,
     error_at,
     locate,
+    observe_lines,
     remove_own_errors,
     slope_deck,
     still_deck,
@@ -191,6 +192,12 @@ def test_points_above_the_horizon_are_left_out():
     assert observations.names == ()
     assert [diagnostic.reason for diagnostic in diagnostics] == [Reason.NO_POINTS]
     assert "left" in diagnostics[0].message
+
+
+def test_a_deck_of_unknown_height_and_a_line_along_the_horizon_give_no_start():
+    observations = observe_lines(FAR, detection(FAR, count=20))[0]
+    assert initial_height(observations, None, fine=False) is None
+    assert initial_line(observations, 0, np.array([0.0, 0.0, 1.0]), DECK_Z_M) is None
 
 
 def test_frame_without_a_pose_is_refused():

@@ -19,6 +19,12 @@ def solve_from_offset(frame, found, mode="auto", deck_z_m=LEFT.p0_m[2]):
     return solve(observations, start, NOISE, STILL.deck, deck_z_m)
 
 
+def test_iteration_converges_to_the_truth():
+    solution = solve_from_offset(FRAME, detection(FRAME, PARALLEL_RIGHT))
+    np.testing.assert_allclose(solution.state.azimuths_rad, azimuth(LEFT), atol=1e-6)
+    assert solution.state.z_m == pytest.approx(LEFT.p0_m[2], abs=1e-5)
+
+
 def test_depth_noise_larger_than_stated_inflates_the_depths_alone():
     frame = replace(FRAME, depth_m=FRAME.depth_m.copy())
     found = detection(frame, PARALLEL_RIGHT, 16)
@@ -28,6 +34,12 @@ def test_depth_noise_larger_than_stated_inflates_the_depths_alone():
     solution = solve_from_offset(frame, found, "fine")
     assert (solution.inflation["left"], solution.inflation["right"]) == (1.0, 1.0)
     assert 3.5 < solution.inflation["depth"] < 6.5
+
+
+def test_reported_height_that_contradicts_the_depths_has_a_large_innovation():
+    frame = with_depth(approach(60.0, 6.0, right=PARALLEL_RIGHT))
+    found = detection(frame, PARALLEL_RIGHT)
+    assert solve_from_offset(frame, found, deck_z_m=LEFT.p0_m[2] + 1.0).height_score > 5
 
 
 SIGMA = 0.3
