@@ -155,15 +155,11 @@ def drop_frames(rng: np.random.Generator) -> Step:
 
 
 def delay_pose(rng: np.random.Generator) -> Step:
-    """The reported pose is that of DELAY_S before.
-
-    In rendered flights no pose from before the fault is known, so that the first faulty pose is on time: the published
-    figures are of this.
-    """
+    """The reported pose is that of DELAY_S before, or that of the first frame with the fault, if it is later."""
 
     def step(flight: History, first: int) -> list[Sighting]:
         now = flight[-1]
-        frames = [at.frame for at in (flight[first:] if now.detection is None else flight)]
+        frames = [at.frame for at in flight[first:]]
         known = [(frame.time_s, frame.world_from_body) for frame in frames if frame.world_from_body is not None]
         if now.frame.world_from_body is None:
             return [now]
