@@ -153,7 +153,7 @@ class Diagnostic:
 
 
 Diagnostics = tuple[Diagnostic, ...]
-CAMERA_REMEDY = "pass Camera(...), or camera.toml beside the recording"
+CAMERA_REMEDY = "pass Camera(...), camera.toml beside the recording, or --fov-deg"
 NO_CAMERA = Diagnostic(Reason.NO_CAMERA, f"camera not known: lines in pixels, no metres; {CAMERA_REMEDY}")
 NO_POSE = Diagnostic(
     Reason.NO_POSE, "pose not known: pass world_from_body, or poses.csv with this time beside the recording"

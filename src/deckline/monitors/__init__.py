@@ -1,6 +1,6 @@
 """Independent checks of a flight's pictures: whatever contradicts the lines or the pose without using the track.
 
-A new monitor is one file and one line in `build_monitors`.
+A new monitor is one file, one line in `build_monitors`, a `Reason`, and its advice in `deckline.report.advice`.
 """
 
 from typing import Protocol

@@ -31,6 +31,7 @@ CHECK = {
     Reason.RESUMED: "nothing: the track is new",
     Reason.STALE: "camera and link",
 }
+OTHERWISE = "do not follow the numbers until the cause is found"
 REMEDIES = {
     Reason.NO_SCALE: "state --runway-width-m, or use a depth camera",
     Reason.YOUNG_TRACK: "take more frames of the flight, without --no-track",
@@ -48,7 +49,7 @@ def advise(record: Record) -> list[Record]:
         late = [flag["reason"] for flag in flags if flag["name"] == Reason.STALE]
         do = TO_DO.get(status)
         return [] if do is None else [{"words": "; ".join(late) or record["reason"] or str(status), "do": do}]
-    return [{"words": flag["reason"], "do": f"check {CHECK[Reason(flag['name'])]}"} for flag in flags]
+    return [{"words": flag["reason"], "do": remedy_of(Reason(flag["name"])) or OTHERWISE} for flag in flags]
 
 
 def remedy_of(reason: Reason) -> str:
