@@ -47,7 +47,7 @@ class Sensors:
         depth_fraction: of each depth sample, independent of its neighbours, as a share.
         depth_scale: of all depth samples together, as a share.
         delay_s: of the pose's time against the picture's, s.
-        line_m: of a line that the detector sets beside its middle all the time, m.
+        line_bias_m: constant lateral bias of a detected line, m.
     """
 
     position_m: float = 0.1
@@ -60,7 +60,7 @@ class Sensors:
     depth_fraction: float = 0.01
     depth_scale: float = 0.005
     delay_s: float = 0.02
-    line_m: float = 0.05
+    line_bias_m: float = 0.05
 
     def __post_init__(self) -> None:
         check_numbers(self, "sensors", least=0.0)
@@ -101,7 +101,7 @@ GRADES: dict[Grade, Sensors] = {
     "good": Sensors(float(np.hypot(0.1, 0.02)), 0.02, float(np.hypot(0.02, 0.005)), 0.005),
     # Position aided by satellite code, a tactical-grade gyro.
     "tactical": Sensors(float(np.hypot(1.5, 0.1)), 0.1, float(np.hypot(0.1, 0.02)), 0.02),
-    # All but the detector, whose `line_m` stays.
+    # All but the detector, whose `line_bias_m` stays.
     "exact": Sensors(0.0, 0.0, 0.0, 0.0, 60.0, 0.0, 0.0, 0.0, 0.0, 0.0),
 }
 
@@ -342,7 +342,7 @@ class Integrity:
         risk: that an error without a flag exceeds its protection level, per frame and direction.
         alarm_sigma: standard deviations of a test statistic from which there is a flag.
         missed_sigma: standard deviations more that a fault needs to be noticed for sure; 3.3: 1 in 2000 is missed.
-        doubt_risk: chance of sensor errors as large together as the track estimates them, below which it is not `ok`.
+        doubt_risk: significance of the global test of all estimated sensor errors, below which guidance is not `ok`.
         persist_s: a measurement that is left out for so long is a flag, s.
         window_s: over which residuals are judged, s.
         excess: mean squared normalised residual from which there is a flag.

@@ -114,7 +114,7 @@ def error_sigmas(config: RunConfig) -> Array:
     s = config.sensors
     deck = float(np.hypot(config.deck_rest_sigma_m, s.position_m))  # the pose's own height errs like the deck's
     return np.array(
-        [s.attitude_rad, s.attitude_rad, deck, s.depth_scale, s.focal_fraction, s.delay_s, s.line_m, s.line_m]
+        [s.attitude_rad, s.attitude_rad, deck, s.depth_scale, s.focal_fraction, s.delay_s, s.line_bias_m, s.line_bias_m]
     )
 
 
