@@ -51,6 +51,15 @@ class Scale(StrEnum):
     """The stated runway width, which agrees with the track."""
 
 
+class PoseSource(StrEnum):
+    """Where the aircraft's pose relative to the runway comes from."""
+
+    NAVIGATION = "navigation"
+    """The pose that the frame came with."""
+    PICTURE = "picture"
+    """The lines, the horizon and the camera alone: the world is then the runway's own frame."""
+
+
 class Reason(StrEnum):
     """Why something is missing, left out, not trusted or flagged, for code; a `Diagnostic` has the text for people."""
 
@@ -64,6 +73,14 @@ class Reason(StrEnum):
     """The frame has no deck height, and no depth that replaces it."""
     NO_LINE = "no line"
     """The picture shows no line."""
+    NO_VANISHING_POINT = "no vanishing point"
+    """The lines do not meet in a point that gives the camera's direction."""
+    NO_HORIZON = "no horizon"
+    """Neither a horizon nor an attitude confirms the pose that the picture gives."""
+    NO_WIDTH = "no width"
+    """The picture alone gives runway widths, no metres: the width is not stated."""
+    ASSUMED_CAMERA = "assumed camera"
+    """The focal length is assumed or of EXIF, not stated."""
     NO_POINTS = "no points"
     """A line has too few points on the deck."""
     NO_CENTRE_LINE = "no centre line"
@@ -248,6 +265,9 @@ class Frame:
     """World z (down) of the water, m; None: not known."""
     truth: Truth | None = None
     """What a simulator or survey knows; the chain never reads it."""
+    pose_source: PoseSource = PoseSource.NAVIGATION
+    """Where `world_from_body` comes from; of the picture, the world is the runway's frame: x along the landing from the
+    ramp, y to the right, z down from the deck, in m, or in runway widths where the width is not stated."""
 
     def __post_init__(self) -> None:
         size, dtype = self.image_rgb.shape, self.image_rgb.dtype
@@ -538,6 +558,18 @@ class Track:
 
 
 @dataclass(frozen=True, eq=False)
+class InWidths:
+    """Where the aircraft is in runway widths: what a picture gives whose runway's width is not stated."""
+
+    lateral_deviation: Value
+    """Runway widths; positive: right of the centre line."""
+    height_above_deck: Value
+    """Runway widths."""
+    distance_to_ramp: Value | None = None
+    """Runway widths along the centre line; positive: the ramp is ahead; None: the ramp is not seen."""
+
+
+@dataclass(frozen=True, eq=False)
 class Guidance:
     """Where the aircraft is relative to the centre line and the glideslope."""
 
@@ -581,6 +613,10 @@ class Guidance:
     """The wanted glideslope above the deck, rad."""
     scale_sources: tuple[Scale, ...] = ()
     """What confirms the scale."""
+    pose_source: PoseSource | None = None
+    """Where the pose comes from; None: there is none."""
+    in_widths: InWidths | None = None
+    """Lengths in runway widths, where metres are not known; the lengths in metres are then None."""
 
     @property
     def reason(self) -> str:
