@@ -78,6 +78,7 @@ def stale_record(
         "time_s": None,
         "status": str(Status.STALE),
         "seen": str(LineVisibility.NONE),
+        "pose_source": None,
         "scale_sources": [],
         "mode": str(DepthMode.NONE),
         "reason": reason,

@@ -13,10 +13,16 @@ from deckline.report import figures
 from deckline.report.figures import number, percent
 from deckline.report.records import GUIDANCE, Record, lookup
 from deckline.report.status import STATUS_COLOURS, STATUS_WORDS
-from deckline.types import SIDES, LineVisibility
+from deckline.types import SIDES, LineVisibility, PoseSource
 
 TEMPLATES = Path(__file__).parent / "templates"
-MODES = {"fine": "depth camera", "coarse": "deck plane", "none": "no distance"}
+PICTURE = "picture"
+MODES = {
+    "fine": "depth camera",
+    "coarse": "deck plane",
+    PICTURE: "pose of the picture: stated width, or runway widths",
+    "none": "no distance",
+}
 LISTED = 40  # rows of a list at most
 
 ReportPictures = dict[int, tuple[bytes, bytes]]  # index of a record -> JPEG files: hazy, and dehazed with the lines
@@ -83,8 +89,8 @@ def _status_style() -> str:
 def _row(record: Record) -> Record:
     if "skipped" in record:
         return {"file": record["file"], "skipped": True}
-    names = ("file", "time_s", "status", "seen", "mode", "reason", "guidance", "protection")
-    row = {key: record.get(key) for key in names}
+    names = ("file", "time_s", "status", "seen", "reason", "guidance", "protection")
+    row = {key: record.get(key) for key in names} | {"mode": _mode(record)}
     for group, keys in (("truth", ("truth",)), ("errors", ("errors", "guidance"))):
         values = lookup(record, keys)
         row[group] = values and {name: values.get(name) for name in GUIDANCE}
@@ -101,10 +107,15 @@ def _row(record: Record) -> Record:
     return row | {"seconds": sum(record["seconds"].values()) if record.get("seconds") else None}
 
 
+def _mode(record: Record) -> str:
+    """Where the distances of a record come from: a key of `MODES`."""
+    return PICTURE if record.get("pose_source") == PoseSource.PICTURE else str(record["mode"])
+
+
 def _bars(seen: list[Record], counts: Mapping[str, int]) -> list[tuple[str, list[tuple[str, str, int]]]]:
     """Title of each bar and its parts: name, meaning, frames."""
     worth = [(name, "", counts.get(name, 0)) for name in STATUS_WORDS]
-    modes = [(name, words, sum(record["mode"] == name for record in seen)) for name, words in MODES.items()]
+    modes = [(name, words, sum(_mode(record) == name for record in seen)) for name, words in MODES.items()]
     return [("What guidance is worth", worth), ("Where distances came from", modes)]
 
 
@@ -122,12 +133,18 @@ def _cards(
         both = sum(record["seen"] == LineVisibility.BOTH for record in seen)
         yield "Both lines found", percent(both / len(seen)), "of the frames used"
     errors = {name: (median, p95) for name, _, median, p95, *_ in figures.error_rows(seen)}
-    for name, label in (("Lateral deviation", "Lateral error"), ("Centre line, direction", "Direction error")):
+    labels = (
+        (GUIDANCE["lateral_deviation_m"], "Lateral error"),
+        (GUIDANCE["lateral_deviation_widths"], "Lateral error"),
+        ("Centre line, direction", "Direction error"),
+    )
+    for name, label in labels:
         if name in errors:
             yield f"{label}, median", errors[name][0], f"95 %: {errors[name][1]}"
-    sigma = figures.median_sigma(seen, "lateral_deviation_m")
-    if not errors and sigma is not None:
-        yield "Lateral deviation, 1 sigma", number(sigma, "m"), "median; no truth to compare with"
+    for name, unit in (("lateral_deviation_m", "m"), ("lateral_deviation_widths", "widths")):
+        sigma = figures.median_sigma(seen, name)
+        if not errors and sigma is not None:
+            yield "Lateral deviation, 1 sigma", number(sigma, unit), "median; no truth to compare with"
     visibility = figures.median_visibility([*dehazing] or seen)
     if visibility is not None:
         yield "Visibility", *visibility

@@ -44,8 +44,8 @@ MODES = {
     DepthMode.NONE: "no distances",
 }
 PICTURE_MODES = {
-    METRES: "distances from lines, horizon and stated width",
-    WIDTHS: "lines and horizon alone: lengths in runway widths",
+    METRES: "distances from the stated width",
+    WIDTHS: "lengths in runway widths",
 }
 
 
@@ -157,12 +157,13 @@ def _tiles(guidance: Guidance) -> list[tuple[str, Value | None, str, int, str]]:
             turned += f"  ·  within {np.rad2deg(guidance.protection.heading_rad):.1f}°"
     rates = ((guidance.closing_m_s, "closing {:.0f} m/s"), (guidance.height_rate_m_s, "height {:+.1f} m/s"))
     ahead = ", ".join(words.format(rate.value) for rate, words in rates if rate is not None)
-    unit, digits = lengths.unit, int(lengths.unit == WIDTHS)  # a width is many metres
+    # A width is many metres: one more digit; and a long word: it stands in the titles.
+    words, unit, digits = ("", METRES, 0) if lengths.unit == METRES else (", WIDTHS", "", 1)
     return [
-        ("LATERAL DEVIATION", lengths.lateral, unit, 1 + digits, beside),
+        (f"LATERAL DEVIATION{words}", lengths.lateral, unit, 1 + digits, beside),
         ("HEADING ERROR", degrees, "°", 1, turned),
-        ("HEIGHT ABOVE DECK", lengths.height, unit, 1 + digits, above),
-        ("DISTANCE TO RAMP", lengths.distance, unit, digits, ahead or "along the centre line"),
+        (f"HEIGHT ABOVE DECK{words}", lengths.height, unit, 1 + digits, above),
+        (f"DISTANCE TO RAMP{words}", lengths.distance, unit, digits, ahead or "along the centre line"),
     ]
 
 
@@ -189,7 +190,7 @@ def _draw_tile(
         draw_text(image, "not known", (left + 14, top + 100), 14, draw.DIM)
         return
     sign = "+" if column < 2 else ""
-    space = "" if unit == "°" else " "
+    space = " " if unit == METRES else ""
     number = f"{value.value:{sign}.{digits}f}"
     used = draw_text(image, number, (left + 14, top + 66), 36, draw.INK, 600)
     used += draw_text(image, f"{space}{unit}", (left + 16 + used, top + 66), 20, draw.INK)
