@@ -1,5 +1,6 @@
 """Live messages: the records of guidance.jsonl with their age and the track predicted to the present."""
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -11,7 +12,19 @@ from deckline.flight import FrameResult
 from deckline.guide import guidance
 from deckline.report.records import GUIDANCE, Record, frame_record, guidance_record, protection_record
 from deckline.track.forecast import Forecast
-from deckline.types import DepthMode, Diagnostic, Guidance, LineVisibility, Reason, RunwayEstimate, Status, Track, Value
+from deckline.types import (
+    DepthMode,
+    Diagnostic,
+    Guidance,
+    LineVisibility,
+    PoseSource,
+    Reason,
+    RunwayEstimate,
+    RunwayLine,
+    Status,
+    Track,
+    Value,
+)
 
 NO_FRAME = "without a frame"  # what is counted of messages that carry none
 LIVE_COLUMNS = {
@@ -92,6 +105,11 @@ def stale_record(
 
 def _live(answer: Answer | None, counts: FrameCounts, now_s: float, offset_s: float, approach: Approach) -> Record:
     moment = None if answer is None else _predict(answer, now_s)
+    touchdown = None
+    if answer is not None and moment is not None:
+        touchdown = touchdown_record(answer, moment, now_s, offset_s, approach)
+    elif answer is not None:
+        touchdown = picture_touchdown(answer, offset_s, approach)
     found = None if answer is None or moment is None else predict_guidance(answer, moment, approach)
     return {
         "captured_s": None if answer is None else round(answer.at_s + offset_s, 6),
@@ -100,31 +118,55 @@ def _live(answer: Answer | None, counts: FrameCounts, now_s: float, offset_s: fl
         **asdict(counts),
         "now": None if found is None else guidance_record(found),
         "now_protection": None if found is None or found.protection is None else protection_record(found.protection),
-        "touchdown": None if answer is None or moment is None else touchdown_record(answer, moment, now_s, approach),
+        "touchdown": touchdown,
     }
 
 
-def touchdown_record(answer: Answer, moment: Prediction, now_s: float, approach: Approach) -> Record | None:
-    """The touchdown point of a moment in world and body, m, its velocity, m/s, and the azimuth of the landing.
+def touchdown_record(
+    answer: Answer, moment: Prediction, now_s: float, offset_s: float, approach: Approach
+) -> Record | None:
+    """The touchdown point of a moment in world and body, m, its velocity, m/s, azimuth of the landing, and time.
 
     None while no ramp is known; the velocity is None where the track ends before it shows.
     """
     track, world_from_body, _ = moment
-    point, later = _touchdown_point(track, approach), _predict(answer, now_s + VELOCITY_STEP_S)
+    point, later = _touchdown_point(track.lines, track.ramp_m, approach), _predict(answer, now_s + VELOCITY_STEP_S)
     if point is None:
         return None
-    ahead = None if later is None else _touchdown_point(later[0], approach)
+    ahead = None if later is None else _touchdown_point(later[0].lines, later[0].ramp_m, approach)
     velocity = None if ahead is None else (ahead - point) / VELOCITY_STEP_S
     vectors = {"world_m": point, "body_m": world_from_body.inv().apply(point), "velocity_m_s": velocity}
     record: Record = {name: None if v is None else np.round(v, 6).tolist() for name, v in vectors.items()}
-    return record | {"azimuth_deg": round(float(np.rad2deg(track.lines["centre"].azimuth_rad)), 6)}
+    azimuth_deg = round(float(np.rad2deg(track.lines["centre"].azimuth_rad)), 6)
+    return record | {"azimuth_deg": azimuth_deg, "at_s": round(now_s + offset_s, 6)}
 
 
-def _touchdown_point(track: Track, approach: Approach) -> NDArray[np.float64] | None:
-    centre = track.lines.get("centre")
-    if centre is None or track.ramp_m is None:
+def picture_touchdown(answer: Answer, offset_s: float, approach: Approach) -> Record | None:
+    """The touchdown point in the body, m, at the time of capture, as the picture alone gives it.
+
+    It has no place in the navigation's world, no velocity and no azimuth. None without metres or without a ramp.
+    """
+    result = answer.result
+    guided, body = result.guidance, result.frame.world_from_body
+    if guided.pose_source is not PoseSource.PICTURE or guided.in_widths is not None or body is None:
         return None
-    ahead_m = (track.ramp_m - centre.point_m) @ centre.direction + approach.touchdown_m
+    is_tracked = result.track is not None and bool(result.track.lines)
+    source = result.track if is_tracked and result.track is not None else result.estimate
+    point = _touchdown_point(source.lines, source.ramp_m, approach)
+    if point is None:
+        return None
+    at_s = round(answer.at_s + offset_s, 6)
+    body_m = np.round(body.inv().apply(point), 6).tolist()
+    return {"world_m": None, "body_m": body_m, "velocity_m_s": None, "azimuth_deg": None, "at_s": at_s}
+
+
+def _touchdown_point(
+    lines: Mapping[str, RunwayLine], ramp_m: NDArray[np.float64] | None, approach: Approach
+) -> NDArray[np.float64] | None:
+    centre = lines.get("centre")
+    if centre is None or ramp_m is None:
+        return None
+    ahead_m = (ramp_m - centre.point_m) @ centre.direction + approach.touchdown_m
     point: NDArray[np.float64] = centre.point_m + ahead_m * centre.direction
     return point
 
@@ -147,7 +189,10 @@ def predict_guidance(answer: Answer, moment: Prediction, approach: Approach) -> 
 def _predict(answer: Answer, now_s: float) -> Prediction | None:
     """Track and aircraft at a time of the monotonic clock.
 
-    None without a track or a pose, and when no line was seen for too long.
+    None without a track or a pose, when no line was seen for too long, and for a pose of the picture: the forecast is
+    the navigation's.
     """
+    if answer.result.frame.pose_source is PoseSource.PICTURE:
+        return None
     time_s = answer.result.frame.time_s + (now_s - answer.at_s)
     return None if answer.forecast is None else answer.forecast.at(time_s)
