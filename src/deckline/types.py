@@ -200,8 +200,10 @@ class DepthMode(StrEnum):
     """From a depth camera."""
     COARSE = "coarse"
     """Where the ray meets the deck plane."""
+    WIDTH = "width"
+    """From how far apart the lines are in the picture, for a stated width or in widths."""
     NONE = "none"
-    """Neither was possible; a `Diagnostic` has the reason."""
+    """None of these was possible; a `Diagnostic` has the reason."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ from deckline.report.status import STATUS_COLOURS, STATUS_WORDS
 from deckline.types import SIDES, LineVisibility
 
 TEMPLATES = Path(__file__).parent / "templates"
-MODES = {"fine": "depth camera", "coarse": "deck plane", "none": "no distance"}
+MODES = {"fine": "depth camera", "coarse": "deck plane", "width": "lines' spacing", "none": "no distance"}
 LISTED = 40  # rows of a list at most
 
 ReportPictures = dict[int, tuple[bytes, bytes]]  # index of a record -> JPEG files: hazy, and dehazed with the lines

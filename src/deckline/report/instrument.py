@@ -38,6 +38,7 @@ TRACK_TAGS = {  # the state `coasting` is a status too
 MODES = {
     DepthMode.FINE: "fine: distances from the depth camera",
     DepthMode.COARSE: "coarse: distances from pose and deck height",
+    DepthMode.WIDTH: "picture alone: distances from the lines' spacing",
     DepthMode.NONE: "no distances",
 }
 

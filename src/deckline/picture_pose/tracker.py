@@ -1,0 +1,365 @@
+"""The pose from the picture over frames: one filter per flight, of constant memory and bounded time per frame.
+
+The horizon is found in the background and is a fraction of a second old when it arrives. The filter then goes back to
+the frame that it belongs to, and through the lines of the frames since.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2, norm
+
+from deckline.config import RunConfig
+from deckline.dehaze.horizon import Horizon, NoHorizon, find_horizon
+from deckline.dehaze.horizon_search import ANSWER_S, HorizonSearch
+from deckline.geometry import Camera
+from deckline.picture_pose.answer import estimate_of, in_widths, reference_m, track_of, with_pose
+from deckline.picture_pose.fit import fit_pose
+from deckline.picture_pose.integrity import bias_flag, unverified_reasons
+from deckline.picture_pose.model import (
+    NOTHING,
+    Innovation,
+    distance2,
+    horizon_innovation,
+    line_innovation,
+    ramp_innovation,
+    update,
+)
+from deckline.picture_pose.ramp import RampSight, sight_ramp
+from deckline.picture_pose.sights import HorizonSight, LineSight, sight_horizon, sight_lines
+from deckline.picture_pose.states import (
+    CLOSING_SIGMA_M_S,
+    USUAL_WIDTH_M,
+    Belief,
+    States,
+    predict,
+    shared_sigmas,
+)
+from deckline.types import (
+    SIDES,
+    Detection,
+    Diagnostic,
+    Diagnostics,
+    Frame,
+    Reason,
+    RunwayEstimate,
+    Track,
+    TrackState,
+)
+
+Array = NDArray[np.float64]
+CORRELATION_TIME_S = 0.33  # frames so close together err alike, so that they count as one; as in `track.states`
+RAMP_CORRELATION_S = 1.0  # the same of the ramp
+HORIZON_VALID_S = 3.0  # a horizon that agreed so long ago still confirms the roll
+MIN_STEP_S = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Sighting:
+    """What one frame measures, as long as it may be needed again."""
+
+    time_s: float
+    lines: dict[str, LineSight]
+    ramp: RampSight | None
+    times: float  # of the variances: frames close together count as one
+
+
+@dataclass(frozen=True, eq=False)
+class PictureAnswer:
+    """What the picture gives of one frame."""
+
+    frame: Frame
+    """The frame with the pose of the picture; as it was where there is none."""
+    estimate: RunwayEstimate
+    """Its estimate with the lines in the runway's frame, or with the reason why there are none."""
+    track: Track | None
+    """Of the frames so far; None: every frame is for itself."""
+
+
+@dataclass(eq=False)
+class _Memory:
+    """What is carried from frame to frame."""
+
+    belief: Belief
+    start_s: float
+    seen_s: float  # when lines were last used
+    consistent_s: float  # when lines were last used, or none were there to contradict
+    has_ramp: bool = False
+    agreed_s: float = -np.inf  # time of the last horizon that agreed
+    excluded_s: dict[Reason, float] = field(default_factory=dict)  # since when a line is left out
+    horizon_flag: Diagnostic | None = None
+    anchor: Belief | None = None  # at the frame whose horizon is searched, with its lines
+    since: list[Sighting] = field(default_factory=list)  # of the frames after it
+
+
+class PictureTracker:
+    """Follows the aircraft in the runway's frame by its pictures alone, through the frames of one flight.
+
+    Args:
+        config: what is stated of runway, camera and aircraft; `tracking` as for a navigation unit's track.
+    """
+
+    def __init__(self, config: RunConfig) -> None:
+        self.config = config
+        self._search = HorizonSearch(config.tracking.horizon_s)
+        self.reset()
+
+    def reset(self) -> None:
+        """Start another flight: forget all frames."""
+        self._search.reset()
+        self._memory: _Memory | None = None
+        self._camera: Camera | None = None
+        self._time_s = -np.inf
+
+    def close(self) -> None:
+        """End the thread of the search for the horizon."""
+        self._search.close()
+
+    def update(self, frame: Frame, detection: Detection, estimate: RunwayEstimate) -> PictureAnswer:
+        """The pose after one more frame.
+
+        Args:
+            frame: without a pose; a camera that is not known is taken for a usual one, with a wide 1-sigma.
+            detection: points of its lines.
+            estimate: its lines in the image.
+        """
+        if not frame.camera.known:
+            frame = replace(frame, camera=Camera.assumed(frame.camera.width, frame.camera.height))
+        if not self.config.tracking.enabled:
+            return self._answer_alone(frame, detection, estimate)
+        if not np.isfinite(frame.time_s) or frame.time_s <= self._time_s:
+            if not frame.time_s <= self._time_s - self.config.tracking.coast_s:
+                late = Diagnostic(Reason.BAD_TIME, f"the frame's time {frame.time_s:.3f} s is not after the one before")
+                return PictureAnswer(frame, estimate, _lost(frame, (late,)))
+            self.reset()
+        if frame.camera != self._camera and not _is_same(frame.camera, self._camera):
+            self.reset()
+        self._camera, self._time_s = frame.camera, frame.time_s
+        shared = shared_sigmas(frame.camera, self.config)
+        sights = sight_lines(frame.camera, detection, estimate.pixel_lines)
+        self._take_horizon(frame, shared)
+        diagnostics = self._advance(frame, detection, estimate, sights, shared)
+        self._search_horizon(frame)
+        if self._memory is None:
+            return PictureAnswer(frame, estimate, _lost(frame, diagnostics))
+        return self._answer(self._memory, frame, estimate, shared, diagnostics)
+
+    def _answer_alone(self, frame: Frame, detection: Detection, estimate: RunwayEstimate) -> PictureAnswer:
+        """One frame for itself: its horizon is found at once."""
+        shared = shared_sigmas(frame.camera, self.config)
+        sights = sight_lines(frame.camera, detection, estimate.pixel_lines)
+        found = find_horizon(frame.image_rgb) if len(sights) == len(SIDES) else None
+        horizon = _sight(frame.camera, found)
+        belief = fit_pose(frame.time_s, sights, horizon, frame.body_from_camera, shared, self.config)
+        if isinstance(belief, Diagnostic) and horizon is not None and belief.reason is Reason.ATTITUDE:
+            belief = fit_pose(frame.time_s, sights, None, frame.body_from_camera, shared, self.config)
+        if isinstance(belief, Diagnostic):
+            return PictureAnswer(frame, replace(estimate, diagnostics=(*estimate.diagnostics, belief)), None)
+        ramp = sight_ramp(frame, detection, estimate, belief, self.config)
+        if ramp is not None:
+            belief = _start_ramp(belief, ramp, frame)
+        doubts = unverified_reasons(belief, 0.0, horizon is not None, shared, self.config)
+        found_estimate = estimate_of(estimate, belief, ramp is not None, self.config)
+        found_estimate = replace(found_estimate, diagnostics=(*found_estimate.diagnostics, *doubts))
+        track = track_of(belief, TrackState.TRACKING, ramp is not None, shared, self.config)
+        placed, found_estimate, _ = self._in_unit(with_pose(frame, belief), found_estimate, track)
+        return PictureAnswer(placed, found_estimate, None)
+
+    def _advance(
+        self,
+        frame: Frame,
+        detection: Detection,
+        estimate: RunwayEstimate,
+        sights: dict[str, LineSight],
+        shared: Array,
+    ) -> Diagnostics:
+        """The memory after the lines of one more frame; returns why it is lost or began anew."""
+        tracking, memory, diagnostics = self.config.tracking, self._memory, ()
+        if memory is not None and frame.time_s - memory.seen_s > tracking.coast_s:
+            memory = self._memory = None
+        if memory is not None:
+            step_s = frame.time_s - memory.belief.time_s
+            memory.belief = predict(memory.belief, frame.time_s, shared)
+            lines, excluded = _select_lines(memory.belief, sights, frame, tracking.gate_sigma)
+            since = memory.excluded_s
+            memory.excluded_s = {d.reason: since.get(d.reason, frame.time_s) for d in excluded}
+            if not sights:
+                memory.consistent_s = frame.time_s
+            elif not lines and frame.time_s - memory.consistent_s > tracking.reacquire_s:
+                memory = self._memory = None
+                diagnostics = (Diagnostic(Reason.RESTARTED, "began anew: the lines contradict the track"),)
+            if lines and memory is not None:
+                self._use(memory, frame, detection, estimate, lines, step_s)
+        if memory is None:
+            return diagnostics + self._start(frame, detection, estimate, sights, shared)
+        return diagnostics
+
+    def _start(
+        self,
+        frame: Frame,
+        detection: Detection,
+        estimate: RunwayEstimate,
+        sights: dict[str, LineSight],
+        shared: Array,
+    ) -> Diagnostics:
+        if not sights:
+            return ()
+        belief = fit_pose(frame.time_s, sights, None, frame.body_from_camera, shared, self.config)
+        if isinstance(belief, Diagnostic):
+            return (belief,)
+        self._memory = _Memory(belief, frame.time_s, frame.time_s, frame.time_s)
+        ramp = sight_ramp(frame, detection, estimate, belief, self.config)
+        if ramp is not None:
+            self._memory.belief, self._memory.has_ramp = _start_ramp(belief, ramp, frame), True
+        return ()
+
+    def _use(
+        self,
+        memory: _Memory,
+        frame: Frame,
+        detection: Detection,
+        estimate: RunwayEstimate,
+        lines: dict[str, LineSight],
+        step_s: float,
+    ) -> None:
+        """Update with the lines that passed the gate, and with the ramp."""
+        times = max(1.0, CORRELATION_TIME_S / max(step_s, MIN_STEP_S))
+        sighting = Sighting(frame.time_s, lines, None, times)
+        memory.belief = _update_lines(memory.belief, sighting, frame)
+        memory.seen_s = memory.consistent_s = frame.time_s
+        ramp = sight_ramp(frame, detection, estimate, memory.belief, self.config) if len(lines) == len(SIDES) else None
+        if ramp is not None:
+            innovation = ramp_innovation(memory.belief, ramp.ray, ramp.sigma_m, frame.body_from_camera)
+            sigma = float(np.sqrt(memory.belief.sigma(States.DISTANCE) ** 2 + ramp.sigma_m**2))
+            nearer = float(innovation.residuals[0])  # measured less expected distance
+            if not memory.has_ramp or nearer < -self.config.tracking.gate_sigma * sigma:
+                memory.belief, memory.has_ramp = _start_ramp(memory.belief, ramp, frame), True
+            elif nearer < self.config.tracking.gate_sigma * sigma:
+                times = max(1.0, 2 * RAMP_CORRELATION_S / max(step_s, MIN_STEP_S))
+                memory.belief = update(memory.belief, innovation.inflate(times))
+                sighting = replace(sighting, ramp=replace(ramp, sigma_m=float(np.sqrt(times)) * ramp.sigma_m))
+        if memory.anchor is not None:
+            memory.since.append(sighting)
+
+    def _search_horizon(self, frame: Frame) -> None:
+        """Begin the search in a frame whose lines the filter used."""
+        memory = self._memory
+        if memory is None or memory.seen_s != frame.time_s or frame.camera.has_distortion:
+            return
+        if self._search.is_due(frame.time_s):
+            self._search.start(frame.time_s, frame.image_rgb)
+            memory.anchor, memory.since = memory.belief, []
+
+    def _take_horizon(self, frame: Frame, shared: Array) -> None:
+        """Use the horizon that is due: at its own frame, then the lines of the frames since again."""
+        found, memory = self._search.take(frame.time_s), self._memory
+        if memory is None or memory.anchor is None or found is None:
+            return
+        anchor, since, memory.anchor, memory.since = memory.anchor, memory.since, None, []
+        horizon = _sight(frame.camera, found)
+        if horizon is None:
+            return
+        innovation = horizon_innovation(anchor, horizon, frame.body_from_camera)
+        if distance2(anchor, innovation) > _gate(self.config.tracking.gate_sigma, 2):
+            off = float(np.rad2deg(np.abs(innovation.residuals).max()))
+            message = f"the horizon lies {off:.1f} degrees off what the lines suggest"
+            memory.horizon_flag = Diagnostic(Reason.ATTITUDE, message)
+            return
+        memory.horizon_flag, memory.agreed_s = None, anchor.time_s
+        belief = update(anchor, innovation)
+        for sighting in since:
+            belief = _update_lines(predict(belief, sighting.time_s, shared), sighting, frame)
+        memory.belief = belief
+
+    def _answer(
+        self, memory: _Memory, frame: Frame, estimate: RunwayEstimate, shared: Array, diagnostics: Diagnostics
+    ) -> PictureAnswer:
+        belief, time_s, config = memory.belief, frame.time_s, self.config
+        used = memory.seen_s == time_s
+        age_s = time_s - memory.start_s
+        has_horizon = time_s - memory.agreed_s <= HORIZON_VALID_S + ANSWER_S
+        lasting = tuple(
+            Diagnostic(reason, f"the {reason} line contradicts the track, for {time_s - since:.1f} s")
+            for reason, since in memory.excluded_s.items()
+            if time_s - since >= config.integrity.persist_s
+        )
+        flags = [*lasting, memory.horizon_flag, bias_flag(belief, shared, config)]
+        excluded = tuple(Diagnostic(reason, f"the {reason} line is left out") for reason in memory.excluded_s)
+        track = replace(
+            track_of(belief, TrackState.TRACKING if used else TrackState.COASTING, memory.has_ramp, shared, config),
+            flags=tuple(flag for flag in flags if flag is not None),
+            excluded=excluded,
+            diagnostics=diagnostics,
+            age_s=age_s,
+            doubts=unverified_reasons(belief, age_s, has_horizon, shared, config),
+        )
+        found = estimate_of(estimate, belief, memory.has_ramp, config)
+        return PictureAnswer(*self._in_unit(with_pose(frame, belief), found, track))
+
+    def _in_unit(
+        self, frame: Frame, estimate: RunwayEstimate, track: Track
+    ) -> tuple[Frame, RunwayEstimate, Track]:
+        """In metres where the width is stated, else in runway widths."""
+        if self.config.deck.width_m is not None:
+            return frame, estimate, track
+        return in_widths(frame, estimate, track, USUAL_WIDTH_M)
+
+
+def _select_lines(
+    belief: Belief, sights: dict[str, LineSight], frame: Frame, gate_sigma: float
+) -> tuple[dict[str, LineSight], Diagnostics]:
+    """The lines that agree with the belief, and which were left out: one contradiction is assumed at most."""
+    best: dict[str, LineSight] = {}
+    choices = [sights, *({side: sight} for side, sight in sights.items() if len(sights) > 1)]
+    fits = []
+    for lines in choices:
+        if lines:
+            size = 2 * len(lines)
+            fits.append((distance2(belief, _innovations(belief, lines, frame)) / _gate(gate_sigma, size), lines))
+    if fits and fits[0][0] <= 1:
+        return sights, ()
+    agreeing = [fit for fit in fits[1:] if fit[0] <= 1]
+    if agreeing:
+        best = min(agreeing, key=lambda fit: fit[0])[1]
+    left_out = [side for side in sights if side not in best]
+    return best, tuple(Diagnostic(Reason(side), f"the {side} line contradicts the track") for side in left_out)
+
+
+def _innovations(belief: Belief, lines: dict[str, LineSight], frame: Frame) -> Innovation:
+    total = NOTHING
+    for side, sight in lines.items():
+        total = total + line_innovation(belief, side, sight, frame.body_from_camera)
+    return total
+
+
+def _update_lines(belief: Belief, sighting: Sighting, frame: Frame) -> Belief:
+    belief = update(belief, _innovations(belief, sighting.lines, frame).inflate(sighting.times))
+    if sighting.ramp is None:
+        return belief
+    return update(belief, ramp_innovation(belief, sighting.ramp.ray, sighting.ramp.sigma_m, frame.body_from_camera))
+
+
+def _start_ramp(belief: Belief, ramp: RampSight, frame: Frame) -> Belief:
+    """The belief with the origin of its frame moved to a ramp that is seen for the first time, or nearer."""
+    innovation = ramp_innovation(belief, ramp.ray, ramp.sigma_m, frame.body_from_camera)
+    moved = belief.covariance.copy()
+    moved[States.DISTANCE], moved[:, States.DISTANCE] = 0.0, 0.0
+    moved[States.DISTANCE, States.DISTANCE] = float(innovation.residuals[0]) ** 2 + CLOSING_SIGMA_M_S**2
+    return update(replace(belief, covariance=moved), ramp_innovation(belief, ramp.ray, ramp.sigma_m, frame.body_from_camera))
+
+
+def _sight(camera: Camera, found: Horizon | NoHorizon | None) -> HorizonSight | None:
+    return sight_horizon(camera, found) if isinstance(found, Horizon) and not camera.has_distortion else None
+
+
+def _gate(sigma: float, degrees: int) -> float:
+    return float(chi2.isf(2 * norm.sf(sigma), degrees))
+
+
+def _is_same(camera: Camera, other: Camera | None) -> bool:
+    return other is not None and vars(camera) == vars(other)
+
+
+def _lost(frame: Frame, diagnostics: Diagnostics) -> Track:
+    return Track(frame.time_s, TrackState.LOST, {}, diagnostics=diagnostics)
