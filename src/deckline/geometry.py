@@ -19,6 +19,8 @@ UNDISTORT_STEPS = 60  # fixed-point steps; 1e-9 px for lenses up to 30 % distort
 UNDISTORT_MIN_STEP = 1e-12  # of normalised image coordinates; smaller steps change nothing
 TINY = 1e-12  # of normalised image coordinates: the fisheye's axis itself
 UNDISTORT_TOLERANCE = 1e-6  # of normalised image coordinates; a larger residual does not converge
+UNKNOWN_FOV_DEG = 65.0  # horizontal, of an assumed camera: 24-28 mm equivalent, as most phones and action cameras have
+UNKNOWN_FOCAL_SIGMA = 0.35  # share of its focal length: 1-sigma 89 to 51 degrees (18 to 38 mm), 2-sigma to 48 mm
 QUATERNION_TOLERANCE = 0.01  # of its length; rounding to two decimals changes it by at most as much
 # Axes of the optical frame (right, down, forward) written in a forward-right-down frame.
 BODY_FROM_OPTICAL = Rotation.from_matrix([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
@@ -37,6 +39,7 @@ class Camera:
             principal point in focal lengths, theta the angle off the optical axis, rad.
         known: False where only the image size holds: lines in pixels need no more, metres do.
         fisheye: `distortion` is the equidistant model's. Rays 90 degrees off the axis and more do not exist here.
+        focal_sigma: 1-sigma of the focal length as a share; None: as stated for the sensors (a calibrated camera).
 
     Raises:
         ValueError: a size or focal length that is not positive and finite, or a wrong number of coefficients.
@@ -53,11 +56,13 @@ class Camera:
     distortion: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0)
     known: bool = True
     fisheye: bool = False
+    focal_sigma: float | None = None
 
     def __post_init__(self) -> None:
         check_numbers(self, "camera", "width", "height", least=1)
         check_numbers(self, "camera", "fx", "fy", above=0)
         check_numbers(self, "camera", "cx", "cy", "distortion")
+        check_numbers(self, "camera", "focal_sigma", least=0, below=1)
         if len(self.distortion) not in ((4,) if self.fisheye else (5, 8)):
             wanted = "k1, k2, k3, k4 of a fisheye" if self.fisheye else "k1, k2, p1, p2, k3, or these and k4, k5, k6"
             raise ValueError(f"distortion must be {wanted}; got {len(self.distortion)} numbers")
@@ -79,6 +84,19 @@ class Camera:
     def unknown(cls, width: int, height: int) -> "Camera":
         """A camera of which only the image size, px, is known; its focal length has no meaning."""
         return replace(cls.from_fov(width, height, np.pi / 2), known=False)
+
+    @classmethod
+    def assumed(cls, width: int, height: int) -> "Camera":
+        """A pinhole of `UNKNOWN_FOV_DEG` for pictures, px, of whose camera nothing is stated, with its wide 1-sigma."""
+        pinhole = cls.from_fov(width, height, math.radians(UNKNOWN_FOV_DEG))
+        return replace(pinhole, focal_sigma=UNKNOWN_FOCAL_SIGMA)
+
+    @property
+    def fov_deg(self) -> float:
+        """Horizontal field of view between the outer edges of the middle row, degrees; NaN where these have no rays."""
+        middle = (self.height - 1) / 2.0
+        left, right = self.rays([[-0.5, middle], [self.width - 0.5, middle]])
+        return math.degrees(math.atan2(right[0], right[2]) - math.atan2(left[0], left[2]))
 
     @property
     def matrix(self) -> NDArray[np.float64]:

@@ -79,6 +79,9 @@ def test_a_signal_ends_a_wait_for_a_stream(number, capsys):
         (["camera:0", "--latency-s", "-1"], "latency_s"),
         (["camera:0", "--poses", "udp://127.0.0.1:5601"], "--camera"),
         (["airsim://127.0.0.1:1", "--poses", "udp://127.0.0.1:5601"], "leave"),
+        (["airsim://127.0.0.1:1", "--fov-deg", "60"], "--fov-deg"),
+        (["camera:0", "--fov-deg", "0.5"], "fov_deg"),
+        (["camera:0", "--fov-deg", "171"], "fov_deg"),
         (["nothing.mp4"], "nothing.mp4"),
         (["camera:0", "--mavlink", "udp:127.0.0.1:1"], "--autopilot"),
         (["camera:0", "--autopilot", "px4"], "--mavlink"),
@@ -92,3 +95,12 @@ def test_wrong_use_is_one_line(args, named, capsys):
     assert main(["live", *args, *OPTIONS]) == 2
     error = capsys.readouterr().err
     assert named in error and len(error.splitlines()) == 1
+
+
+@pytest.mark.parametrize("source", ["camera:0", "pictures"])
+def test_a_camera_file_that_contradicts_the_field_of_view_is_one_line(folder, source, tmp_path, capsys):
+    (tmp_path / "c.toml").write_text("width = 320\nheight = 180\nfx = 300.0\nfy = 300.0\ncx = 159.5\ncy = 89.5\n")
+    address = str(folder) if source == "pictures" else source
+    assert main(["live", address, "--camera", str(tmp_path / "c.toml"), "--fov-deg", "30", *OPTIONS]) == 2
+    error = capsys.readouterr().err
+    assert "56.1 degrees" in error and "--fov-deg 30" in error and len(error.splitlines()) == 1

@@ -15,12 +15,14 @@ from loopback import (
     wait_until,
 )
 
+from deckline.cli.sources import SourceOptions
 from deckline.config import Navigation
 from deckline.live.clock import WallClock
 from deckline.live.folder import FlightRecorder
 from deckline.live.opening import hide_credentials, open_camera
 from deckline.live.pipeline import LiveSession, Outputs
 from deckline.live.poses import UdpPoses
+from deckline.live.source import Captured
 from deckline.recording import RecordingError, open_recording
 from deckline.report.records import frame_record
 
@@ -125,6 +127,22 @@ def test_pictures_of_another_size_are_scaled_or_refused(size, scaled):
         else:
             wait_until(lambda: messages and "another shape" in messages[-1]["reason"])
             assert not answers(messages)
+
+
+@pytest.mark.parametrize(("stated", "notes"), [({"fov_deg": 50.0}, 0), ({}, 1)])
+def test_a_stated_field_of_view_makes_the_camera_of_the_first_picture(stated, notes, capsys):
+    options, port = SourceOptions(deck_z_m=-20.0, **stated), free_port()
+    with Sender(port), closing(options.open_stream(f"udp://127.0.0.1:{port}", WallClock(), 0.0, 30.0)) as stream:
+        shown = next(item.frame for item in stream.captures() if isinstance(item, Captured))
+        stream.stop()
+    assert shown.camera.known == bool(stated)
+    assert len(stream.notes) == notes
+    if stated:
+        assert (shown.camera.fov_deg, shown.camera.focal_sigma) == (pytest.approx(50.0), None)
+        assert shown.deck_z_m == -20.0
+        assert "camera stated by --fov-deg: 50.0 degrees across 320x180 px" in capsys.readouterr().err
+    else:
+        assert "camera assumed: 65 degrees across" in stream.notes[0]
 
 
 def test_a_flight_that_fails_ends_the_session_with_its_error(tmp_path):

@@ -26,7 +26,9 @@ def test_the_record_file_itself_opens_its_folder(tmp_path):
     ("options", "text"),
     [
         ({"pfm_rows": "upside-down"}, "pfm_rows.*upside-down"),
-        ({"fov_deg": 180.0}, "fov_deg.*180"),
+        ({"fov_deg": 0.5}, "fov_deg.*0.5"),
+        ({"fov_deg": 171.0}, "fov_deg.*171"),
+        ({"fov_deg": float("nan")}, "fov_deg.*nan"),
         ({"deck_z_m": float("nan")}, "deck_z_m.*nan"),
         ({"sea_z_m": float("inf")}, "sea_z_m.*inf"),
         ({"far_m": 0.0}, "far_m.*0"),
@@ -124,7 +126,7 @@ def test_a_field_of_view_stands_for_a_camera_file(tmp_path):
     assert vars(frame.camera) == vars(Camera.from_fov(3, 2, np.pi / 3))
     assert (frame.deck_z_m, frame.camera.known) == (-17.0, True)
     np.testing.assert_array_equal(frame.body_from_camera.as_matrix(), camera_mount().as_matrix())
-    assert " 60 degrees" in source.notes[-1]
+    assert "camera stated by --fov-deg: 60.0 degrees" in source.notes[-1]
 
 
 @pytest.mark.parametrize("layout", ["images", "airsim", "bag"])
@@ -214,4 +216,4 @@ def test_images_without_a_camera_file_may_have_any_size_and_have_no_pose(tmp_pat
     assert [(frame.camera.width, frame.camera.height, frame.time_s) for frame in frames] == [(3, 2, 7.0), (3, 1, 8.0)]
     assert {frame.missing for frame in frames} == {NO_CAMERA}
     assert all((frame.world_from_body, frame.deck_z_m) == (None, None) for frame in frames)
-    assert re.search(r"no metres.* write .*camera\.toml: width", *source.notes)
+    assert re.search(r"camera assumed: 65 degrees across.* write .*camera\.toml: width", *source.notes)

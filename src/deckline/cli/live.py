@@ -18,12 +18,11 @@ from deckline.flight import Flight
 from deckline.interrupts import on_first_signal
 from deckline.live.clock import WallClock
 from deckline.live.folder import FlightRecorder, open_output
-from deckline.live.opening import is_camera, open_camera
+from deckline.live.opening import is_camera
 from deckline.live.pipeline import STALE_S, LiveSession, Outputs
 from deckline.live.poses import PoseSource, UdpPoses
 from deckline.live.source import LiveSource, Playback
 from deckline.options import RunOptions
-from deckline.recording.camera_file import MountedCamera, read_camera_file
 from deckline.report.records import Record
 
 if TYPE_CHECKING:
@@ -85,7 +84,7 @@ def live(
         link = _open_poses(source, opening, poses, pilot, config, wall, stack)
         opened: LiveSource
         if is_camera(source):
-            opened = open_camera(source, _read_camera(opening), wall, latency_s, rate, print_line)
+            opened = opening.open_stream(source, wall, latency_s, rate)
         elif source.startswith(SIMULATOR):
             opened = opening.open_simulator(source, rate, poses)
         else:
@@ -116,13 +115,6 @@ def live(
     for path in written:
         print_line(path)
     return 0
-
-
-def _read_camera(opening: SourceOptions) -> MountedCamera | None:
-    """The stated camera of pictures that come without one."""
-    if opening.camera is None:
-        return None
-    return read_camera_file(Path(opening.camera)).at(opening.deck_z_m, opening.sea_z_m)
 
 
 def _open_autopilot(
@@ -169,8 +161,8 @@ def _open_poses(
         if poses == FROM_AUTOPILOT:
             raise ValueError(f"{source}: poses of an autopilot are for cameras and streams; leave --poses out")
         return None
-    if poses is not None and opening.camera is None:
-        raise ValueError(f"{source}: poses are of no use without --camera")
+    if poses is not None and opening.camera is None and opening.fov_deg is None:
+        raise ValueError(f"{source}: poses are of no use without --camera or --fov-deg")
     if poses is None or poses == FROM_AUTOPILOT:
         return pilot if poses == FROM_AUTOPILOT else None
     return stack.enter_context(closing(UdpPoses(poses, config.navigation, wall)))

@@ -46,7 +46,6 @@ def run(
     out: Path,
     opening: Annotated[SourceOptions, tyro.conf.arg(name="")] = SOURCE,
     poses: str | None = None,
-    fov_deg: float | None = None,
     every: int = 1,
     start: float = 0.0,
     duration: float | None = None,
@@ -64,7 +63,6 @@ def run(
         out: folder for report.html, overlay.mp4, guidance.csv and guidance.jsonl.
         opening: of the source.
         poses: poses.csv, when not beside the source, or a log of ArduPilot (.bin, .tlog) or PX4 (.ulg).
-        fov_deg: horizontal, without a camera file.
         every: take one frame of so many.
         start: seconds after the first frame at which to begin.
         duration: seconds of the recording to take.
@@ -82,7 +80,7 @@ def run(
             raise ValueError(f"{source}: a simulator runs live: leave --every, --start and --duration out, take --rate")
         opened = opening.open_simulator(source, rate, poses)
     else:
-        recording = opening.open_recording(source, config, poses, fov_deg)
+        recording = opening.open_recording(source, config, poses)
         opened = select_frames(recording, every, start, duration)
         config = opening.place_poses(options.run_config(opened.base_config))
     with (

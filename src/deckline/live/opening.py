@@ -9,7 +9,7 @@ import av
 from deckline.live.clock import WallClock
 from deckline.live.datagrams import LOST_S, Receiver, is_transport
 from deckline.live.decoding import BOUNDS, MPEG_TS, Picture, decode_container, decode_stream
-from deckline.live.source import Log, StreamCamera
+from deckline.live.source import Log, Pinhole, StreamCamera
 from deckline.recording import RecordingError
 from deckline.recording.camera_file import MountedCamera
 
@@ -29,9 +29,15 @@ class NetworkStream(StreamCamera):
     """
 
     def __init__(
-        self, address: str, mounted: MountedCamera | None, wall: WallClock, latency_s: float, log: Log
+        self,
+        address: str,
+        mounted: MountedCamera | None,
+        wall: WallClock,
+        latency_s: float,
+        log: Log,
+        pinhole: Pinhole | None = None,
     ) -> None:
-        super().__init__(address, self._listen, mounted, wall, latency_s, log)
+        super().__init__(address, self._listen, mounted, wall, latency_s, log, pinhole)
         self._receiver = Receiver(address, self.stopped, is_transport)
 
     def close(self) -> None:
@@ -49,6 +55,7 @@ def open_camera(
     latency_s: float = 0.0,
     rate_hz: float = 30.0,
     log: Log = print,
+    pinhole: Pinhole | None = None,
 ) -> StreamCamera:
     """A camera or a stream. No address leads to a file or a playlist.
 
@@ -56,14 +63,14 @@ def open_camera(
         address: camera:N or /dev/videoN, with options as ?video_size=1280x720&framerate=30&input_format=mjpeg;
             rtsp://...; udp://HOST:PORT of MPEG-TS; rtp://HOST:PORT of MPEG-TS in RTP; srt://HOST:PORT of MPEG-TS,
             where FFmpeg has SRT.
-        mounted, wall, latency_s, log: as of `StreamCamera`.
+        mounted, wall, latency_s, log, pinhole: as of `StreamCamera`.
         rate_hz: frames a second that are asked of a device.
 
     Raises:
         ValueError: no such kind of address.
         RecordingError: the port is taken, or this FFmpeg has no SRT.
     """
-    scheme, same = urlsplit(address).scheme, (mounted, wall, latency_s, log)
+    scheme, same = urlsplit(address).scheme, (mounted, wall, latency_s, log, pinhole)
     if scheme in ("udp", "rtp"):
         return NetworkStream(address, *same)
     if scheme in ("rtsp", "rtsps"):

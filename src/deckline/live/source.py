@@ -12,13 +12,14 @@ import av
 from deckline.live.clock import StreamClock, WallClock
 from deckline.live.decoding import Picture
 from deckline.recording import BadFrame, Recording, RecordingError, Source
-from deckline.recording.camera_file import MountedCamera, make_plain_frame
+from deckline.recording.camera_file import STATED, MountedCamera, make_plain_frame, note_camera
 from deckline.types import Frame
 
 SLICE_S = 0.05  # within which a wait notices a stop
 FIRST_WAIT_S, LONGEST_WAIT_S = 0.25, 8.0  # between two tries to open a source; each wait doubles
 
 Log = Callable[[str], None]
+Pinhole = Callable[[int, int], MountedCamera]
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,10 +101,12 @@ class StreamCamera(LiveSource):
     Args:
         name: what people call it.
         pictures: opens it and decodes it to its end, as `decode_stream` does.
-        mounted: None: no camera file, lines in pixels only.
+        mounted: None: no camera file.
         wall: Unix time of the frames.
         latency_s: of exposure, coding and network, subtracted from the times of arrival.
         log: receives a line when the source is lost and when it recovers.
+        pinhole: makes the camera of width and height of the first picture where there is no camera file; None: no
+            field of view is stated.
     """
 
     def __init__(
@@ -114,12 +117,14 @@ class StreamCamera(LiveSource):
         wall: WallClock,
         latency_s: float,
         log: Log,
+        pinhole: Pinhole | None = None,
     ) -> None:
         super().__init__(name)
         if not 0.0 <= latency_s < LONGEST_WAIT_S:
             raise ValueError(f"latency_s must lie between 0 and {LONGEST_WAIT_S:g}, got {latency_s}")
         self._pictures = pictures
         self._mounted = mounted
+        self._pinhole = pinhole
         self._wall = wall
         self._latency_s = latency_s
         self._log = log
@@ -167,6 +172,9 @@ class StreamCamera(LiveSource):
         file, time_s = self._next_name(), self._wall.at(at_s)
         try:
             image = picture.to_ndarray(format="rgb24")
+            if self._mounted is None and self._pinhole is not None:
+                self._mounted = self._pinhole(image.shape[1], image.shape[0])
+                self._log(note_camera(self.name, self._mounted.camera, STATED))
             if self._mounted is None:
                 return Captured(make_plain_frame(file, time_s, image), at_s)
             mounted = self._fit(self._mounted, image.shape[1], image.shape[0])

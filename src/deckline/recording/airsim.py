@@ -16,7 +16,17 @@ from numpy.typing import NDArray
 
 from deckline.checks import check_choice, check_numbers
 from deckline.files import is_there
-from deckline.recording.camera_file import HEIGHTS, MountedCamera, camera_from_mapping, check_fov, make_pinhole
+from deckline.recording.camera_file import (
+    CAMERA_FILE,
+    HEIGHTS,
+    OF_OPTION,
+    STATED,
+    MountedCamera,
+    camera_from_mapping,
+    check_fov,
+    make_pinhole,
+    note_camera,
+)
 from deckline.recording.images import DEPTH_PERSPECTIVE, DEPTH_PLANAR, FAR_DEPTH_M, PfmRows, read_depth, read_image
 from deckline.recording.poses import parse_pose
 from deckline.recording.scene_file import SCENE_FILE, SceneFile, get_clear_image, read_scene, truth_from_mapping
@@ -33,6 +43,7 @@ CAR_COLUMNS = ("Throttle", "Steering", "Brake", "Gear", "Handbrake", "RPM", "Spe
 SCENE = 0  # AirSim's image type of the picture itself
 MS_PER_S = 1000.0
 AIRSIM_FOV_DEG = 90.0  # AirSim's default
+FOV_RANGE_DEG = (1.0, 170.0)  # of a stated pinhole; narrower and wider ones are typing errors
 _IMAGE_NAME = re.compile(r"(?P<camera>img_.*)_(?P<type>\d+)_(?P<ns>\d+)\.(?P<suffix>\w+)")
 
 
@@ -54,7 +65,7 @@ class ReadOptions:
     """Stored depths from here on mean that nothing was seen, m."""
 
     def __post_init__(self) -> None:
-        check_numbers(self, "", "fov_deg", above=0.0, below=180.0)
+        check_numbers(self, "", "fov_deg", least=FOV_RANGE_DEG[0], most=FOV_RANGE_DEG[1])
         check_numbers(self, "", "deck_z_m", "sea_z_m")
         check_choice("pfm_rows", self.pfm_rows, PfmRows)
         if not self.far_m > 0:
@@ -74,15 +85,24 @@ class AirSimRecording(Recording):
         self._scene = read_scene(folder / SCENE_FILE) if is_there(folder / SCENE_FILE) else SceneFile()
         self._options = options
         self._known = options.camera or self._scene.camera or fallback
-        if self._known is not None:
-            check_fov(self._known.camera, options.fov_deg, self.name)
         rows, notes = read_rows(folder / RECORD_FILE)
         vehicles = rows.texts("VehicleName")
         vehicle = next(vehicles)
         self._rows = rows.take(np.array([True, *(name == vehicle for name in vehicles)]))
         if len(self._rows) < len(rows):
             notes.append(f"{len(rows) - len(self._rows)} rows of vehicles other than {vehicle!r} are left out")
-        self.notes = tuple(notes)
+        self.notes = (*notes, self._note_camera())
+
+    def _note_camera(self) -> str:
+        """Which camera it takes; a RecordingError for one that contradicts the stated field of view."""
+        fov_deg = self._options.fov_deg
+        if self._known is None:
+            origin = "AirSim's default, without --fov-deg" if fov_deg is None else STATED
+            return f"{self.name}: camera {origin}: {fov_deg or AIRSIM_FOV_DEG:g} degrees across"
+        check_fov(self._known.camera, fov_deg, self.name)
+        given = self._options.camera is not None
+        origin = OF_OPTION if given else f"of {CAMERA_FILE if self._scene.camera is None else SCENE_FILE}"
+        return note_camera(self.name, self._known.camera, origin)
 
     def __len__(self) -> int:
         return len(self._rows)

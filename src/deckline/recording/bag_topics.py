@@ -13,7 +13,7 @@ from scipy.spatial.transform import RigidTransform
 from deckline.config import Navigation
 from deckline.recording.airsim import ReadOptions
 from deckline.recording.bag import Bag, MessageReader, Topic, deserialize, open_reader, refuse
-from deckline.recording.camera_file import check_fov, make_pinhole, note_pinhole
+from deckline.recording.camera_file import OF_OPTION, STATED, check_fov, make_pinhole, note_assumed, note_camera
 from deckline.recording.pose_track import PoseTrack, join_tracks, make_track
 from deckline.recording.ros_messages import (
     BODY,
@@ -208,18 +208,18 @@ def open_bag(
     notes += [*depth_notes, *found.notes]
     body = _body_of(chooser, sources, found.tree, frame)
     mount: PoseTrack | RigidTransform | None = None
-    mounted = options.camera
+    mounted, origin = options.camera, OF_OPTION
     if mounted is None:
         info = chooser.info(pictures, frame)
         if info is not None:
             mounted = camera_from_info(chooser.first(info), "rect" in pictures.name, f"{path}: {info.name}")
+            origin = f"of {info.name}"
         if mounted is None and options.fov_deg is not None:
             height, width = decode_picture(chooser.first(pictures)).shape[:2]
-            mounted = make_pinhole(width, height, options.fov_deg)
-            notes.append(note_pinhole(str(path), mounted.camera, options.fov_deg))
+            mounted, origin = make_pinhole(width, height, options.fov_deg), STATED
         if mounted is None:
             what = "no camera_info" if info is None else f"{info.name} is not calibrated"
-            notes.append(f"{path}: {what}: lines in pixels, no metres; for these give --camera FILE")
+            notes.append(note_assumed(str(path), what, "give --camera FILE"))
         else:
             mount = _read_mount(found.tree, frame, body, f"{path}: mount", navigation)
             if mount is None:
@@ -231,6 +231,7 @@ def open_bag(
         mounted, mount = replace(mounted, body_from_camera=mount), None
     if mounted is not None:
         check_fov(mounted.camera, options.fov_deg, str(path))
+        notes.append(note_camera(str(path), mounted.camera, origin))
         mounted = mounted.at(options.deck_z_m, options.sea_z_m)
     readers = {topic.name: _message_reader(path, topic, found) for topic in (pictures, depth) if topic}
     source = Bag(path, readers[pictures.name], mounted, mount, track, None if depth is None else readers[depth.name])

@@ -10,7 +10,14 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
 from deckline.files import MOST_CONFIG_BYTES, parse_toml
-from deckline.geometry import BODY_FROM_OPTICAL, Camera, camera_mount, pose
+from deckline.geometry import (
+    BODY_FROM_OPTICAL,
+    UNKNOWN_FOCAL_SIGMA,
+    UNKNOWN_FOV_DEG,
+    Camera,
+    camera_mount,
+    pose,
+)
 from deckline.recording.calibration import YAML_SUFFIXES, read_calibration
 from deckline.recording.source import RecordingError, check_number, check_numbers, read_text
 from deckline.types import CAMERA_REMEDY, Frame
@@ -21,6 +28,7 @@ INTRINSICS = ("width", "height", "fx", "fy", "cx", "cy")
 HEIGHTS = ("deck_z_m", "sea_z_m")
 TRANSFORM = ("translation_m", "quaternion_wxyz")
 FOV_TOLERANCE_DEG = 1.0  # between a camera file and a stated field of view, which people round
+STATED, OF_OPTION = "stated by --fov-deg", "of --camera"  # where a camera comes from, in notes
 FORWARD = BODY_FROM_OPTICAL.as_quat(scalar_first=True).tolist()
 EXAMPLE = "width, height, fx, fy, cx, cy in px, one a line, such as fx = 1000.0"
 
@@ -67,10 +75,22 @@ def make_pinhole(width: int, height: int, fov_deg: float) -> MountedCamera:
     return MountedCamera(Camera.from_fov(width, height, float(np.deg2rad(fov_deg))), camera_mount())
 
 
-def note_pinhole(name: str, camera: Camera, fov_deg: float) -> str:
-    """The note on a camera that `make_pinhole` made for a source."""
-    size = f"{camera.width}x{camera.height} px"
-    return f"{name}: the camera is taken for a pinhole of {fov_deg:g} degrees across {size} that points forward"
+def note_camera(name: str, camera: Camera, origin: str) -> str:
+    """The note on which camera a source takes.
+
+    Args:
+        name: of the source.
+        camera: that it takes.
+        origin: where the camera comes from, such as "of camera.toml".
+    """
+    sigma = "" if camera.focal_sigma is None else f", focal length to {camera.focal_sigma:.0%}"
+    return f"{name}: camera {origin}: {camera.fov_deg:.1f} degrees across {camera.width}x{camera.height} px{sigma}"
+
+
+def note_assumed(name: str, why: str, remedy: str) -> str:
+    """The note on a source without a camera."""
+    prior = f"{UNKNOWN_FOV_DEG:g} degrees across, focal length to {UNKNOWN_FOCAL_SIGMA:.0%}"
+    return f"{name}: {why}: camera assumed: {prior}, nothing is ok; state --fov-deg, or {remedy}"
 
 
 def check_fov(camera: Camera, fov_deg: float | None, where: str) -> None:
@@ -82,13 +102,11 @@ def check_fov(camera: Camera, fov_deg: float | None, where: str) -> None:
     """
     if fov_deg is None:
         return
-    middle = (camera.height - 1) / 2.0
-    left, right = camera.rays([[-0.5, middle], [camera.width - 0.5, middle]])
-    found_deg = float(np.rad2deg(np.arctan2(right[0], right[2]) - np.arctan2(left[0], left[2])))
-    if abs(found_deg - fov_deg) > FOV_TOLERANCE_DEG:  # NaN: its edges have no rays
+    found_deg = camera.fov_deg
+    if not abs(found_deg - fov_deg) <= FOV_TOLERANCE_DEG:  # NaN: its edges have no rays
         raise RecordingError(
             f"{where}: its camera has a horizontal field of view of {found_deg:.1f} degrees, "
-            f"which contradicts fov_deg {fov_deg:g}; state one of both"
+            f"which contradicts --fov-deg {fov_deg:g}; state one of both"
         )
 
 
@@ -102,10 +120,11 @@ def read_camera_file(path: Path) -> MountedCamera:
     """Read camera.toml, or a YAML calibration of OpenCV or ROS, whose camera points along the body's forward axis.
 
     Keys: width, height, fx, fy, cx, cy (px, the centre of the top-left pixel is 0, 0); optional distortion =
-    [k1, k2, p1, p2, k3], or with fisheye = true [k1, k2, k3, k4]; calibration = a YAML file beside it in place of all
-    these; deck_z_m and sea_z_m (metres), and a table [body_from_camera] with translation_m (3, metres,
-    forward-right-down) and quaternion_wxyz of body <- optical frame (x right, y down, z forward). Without the table, or
-    without its quaternion, the camera points along the body's forward axis: quaternion_wxyz = [0.5, 0.5, 0.5, 0.5].
+    [k1, k2, p1, p2, k3], or with fisheye = true [k1, k2, k3, k4]; focal_sigma, the 1-sigma of a focal length that is
+    assumed, as a share; calibration = a YAML file beside it in place of all these; deck_z_m and sea_z_m (metres), and a
+    table [body_from_camera] with translation_m (3, metres, forward-right-down) and quaternion_wxyz of body <- optical
+    frame (x right, y down, z forward). Without the table, or without its quaternion, the camera points along the body's
+    forward axis: quaternion_wxyz = [0.5, 0.5, 0.5, 0.5].
 
     Raises:
         RecordingError: missing or unreadable file, an unknown or missing key, or values that make no camera.
@@ -127,7 +146,7 @@ def camera_from_mapping(values: Any, where: str, *, allow_heights: bool = False)
     """Camera from parsed TOML or JSON; `where` begins the RecordingError for values that make no camera."""
     heights = HEIGHTS if allow_heights else ()
     try:
-        _check_keys(values, INTRINSICS, ("distortion", "fisheye", "body_from_camera", *heights))
+        _check_keys(values, INTRINSICS, ("distortion", "fisheye", "focal_sigma", "body_from_camera", *heights))
         width, height = values["width"], values["height"]
         for name, value in (("width", width), ("height", height)):
             if isinstance(value, bool) or not isinstance(value, int):
@@ -137,7 +156,8 @@ def camera_from_mapping(values: Any, where: str, *, allow_heights: bool = False)
             raise ValueError(f"fisheye must be true or false, got {fisheye!r}")
         distortion = values.get("distortion", [0.0] * (4 if fisheye else 5))
         distortion = check_numbers(distortion, len(distortion) if isinstance(distortion, list) else 5, "distortion")
-        camera = Camera(width, height, fx, fy, cx, cy, distortion, fisheye=fisheye)
+        sigma = check_number(values["focal_sigma"], "focal_sigma") if "focal_sigma" in values else None
+        camera = Camera(width, height, fx, fy, cx, cy, distortion, fisheye=fisheye, focal_sigma=sigma)
         mount = values.get("body_from_camera", {})
         if isinstance(mount, Mapping):
             mount = {"translation_m": [0.0] * 3, "quaternion_wxyz": FORWARD, **mount}
@@ -156,6 +176,7 @@ def camera_to_mapping(camera: Camera, body_from_camera: RigidTransform) -> dict[
         **{key: float(getattr(camera, key)) for key in INTRINSICS[2:]},
         "distortion": [float(value) for value in camera.distortion],
         **({"fisheye": True} if camera.fisheye else {}),
+        **({} if camera.focal_sigma is None else {"focal_sigma": float(camera.focal_sigma)}),
         "body_from_camera": transform_to_mapping(body_from_camera),
     }
 

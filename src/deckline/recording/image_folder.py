@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
 from deckline.files import is_there
+from deckline.geometry import camera_mount
 from deckline.recording.airsim import ReadOptions
 from deckline.recording.camera_file import MountedCamera, make_plain_frame
+from deckline.recording.exif import camera_from_exif
 from deckline.recording.images import DEPTH_PLANAR, IMAGE_SUFFIXES, read_depth, read_image
 from deckline.recording.poses import TIMES_FILE, Poses
 from deckline.recording.source import FrameError, Recording, check_index, check_number, is_inside
@@ -28,7 +30,7 @@ class ImageFolder(Recording):
     """Images in natural order of their names. Without any times they are taken to be one second apart.
 
     Args:
-        mounted: None: no camera file, and images of any sizes.
+        mounted: None: no camera is stated: images may have any sizes, and those with EXIF have its camera.
         poses: rows by the images' names, or a track by time.
         times_s: when each image was taken, by name; needed for a track.
         files: names of images in the folder; None: all that are there or have a row in `poses`.
@@ -51,6 +53,7 @@ class ImageFolder(Recording):
         self._mounted = mounted
         self._poses = poses
         self._times = times_s
+        self._heights = options.deck_z_m, options.sea_z_m
         self._depth_options = (DEPTH_PLANAR, options.pfm_rows, options.far_m)
         named = poses.rows if isinstance(poses, Poses) else times_s or ()
         self.files = sorted({*list_images(folder), *named} if files is None else files, key=make_natural_key)
@@ -94,13 +97,20 @@ class ImageFolder(Recording):
             raise ValueError("poses.csv must name files inside the folder")
         time_s, world_from_body = self._place(index)
         image = read_image(self.folder / file)
-        if self._mounted is None:
+        mounted = self._camera(file, image.shape[1], image.shape[0])
+        if mounted is None:
             return make_plain_frame(file, time_s, image)
-        mounted = self._mounted.fit(image.shape[1], image.shape[0])
         depth, name = None, f"{DEPTH_FOLDER}/{Path(file).stem}.pfm"
         if is_there(self.folder / name):
             depth = read_depth(self.folder / name, name, mounted.camera, *self._depth_options)
         return mounted.frame(file, time_s, image, world_from_body=world_from_body, depth_m=depth)
+
+    def _camera(self, file: str, width: int, height: int) -> MountedCamera | None:
+        """The camera of an image: stated, or of its EXIF; None without one."""
+        if self._mounted is not None:
+            return self._mounted.fit(width, height)
+        camera, _ = camera_from_exif(self.folder / file, width, height)
+        return None if camera is None else MountedCamera(camera, camera_mount(), *self._heights)
 
 
 def list_images(folder: Path) -> list[str]:
@@ -112,14 +122,14 @@ def list_images(folder: Path) -> list[str]:
     ]
 
 
-def measure_images(path: Path) -> tuple[int, int] | None:
-    """Width and height, px, of an image, or of the first one in a folder that can be read; None without one."""
+def find_first_image(path: Path) -> tuple[Path, tuple[int, int]] | tuple[None, None]:
+    """An image, or the first one in a folder that can be read, with its width and height, px; None without one."""
     files = sorted(list_images(path), key=make_natural_key) if path.is_dir() else [""]
     for file in files:
         with suppress(ValueError):
             height, width = read_image(path / file).shape[:2]
-            return width, height
-    return None
+            return path / file, (width, height)
+    return None, None
 
 
 def make_natural_key(name: str) -> list[tuple[int, int, str]]:

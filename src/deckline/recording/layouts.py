@@ -15,13 +15,17 @@ from deckline.recording.camera_file import (
     CAMERA_FILE,
     CAMERA_FILES,
     EXAMPLE,
+    OF_OPTION,
+    STATED,
     MountedCamera,
     check_fov,
     make_pinhole,
-    note_pinhole,
+    note_assumed,
+    note_camera,
     read_camera_file,
 )
-from deckline.recording.image_folder import ImageFolder, list_images, measure_images
+from deckline.recording.exif import camera_from_exif
+from deckline.recording.image_folder import ImageFolder, find_first_image, list_images
 from deckline.recording.images import FAR_DEPTH_M, IMAGE_SUFFIXES, PfmRows
 from deckline.recording.poses import POSES_FILE, TIMES_FILE, names_images, read_image_times, read_poses
 from deckline.recording.runway_file import RUNWAY_FILE, read_runway_file
@@ -59,7 +63,7 @@ def open_recording(
         camera_file: camera.toml, or a YAML calibration of OpenCV or ROS. When not given: an AirSim recording takes
             scene.json's camera, else camera.toml in its folder; a folder takes its camera.toml, else camera.yaml; an
             image or video file takes <file>.camera.toml (.yaml), else camera.toml (.yaml) beside it; a bag takes its
-            camera_info and transforms. Without any, `fov_deg` counts.
+            camera_info and transforms. Without any, `fov_deg` counts, else the EXIF of each picture.
         poses_file: poses.csv of images or a video, or an autopilot's log (.bin, .tlog, .ulg). When not given: poses.csv
             in the folder; <file>.poses.csv, else poses.csv beside the file, when it is there.
         fov_deg: horizontal field of view where nothing else states the camera: a pinhole along the body's forward
@@ -114,8 +118,8 @@ def _open_images(
         places = f"neither {RECORD_FILE} nor images ({' '.join(IMAGE_SUFFIXES)}) in this folder"
         raise RecordingError(f"{path}: zero frames: {places}{hint}")
     packets = None if path.is_dir() or path.suffix.lower() in IMAGE_SUFFIXES else scan_video(path)
-    size = measure_images(path) if packets is None else packets.size
-    mounted, notes = _find_camera(path, size, options)
+    picture, size = find_first_image(path) if packets is None else (None, packets.size)
+    mounted, notes = _find_camera(path, picture, size, options)
     poses_file = None if (found := poses_file or _find(path, POSES_FILE)) is None else Path(found)
     if packets is not None:
         track = None if poses_file is None else _read_track(poses_file, navigation, packets.times_s)
@@ -127,31 +131,40 @@ def _open_images(
 
 
 def _find_camera(
-    path: Path, size: tuple[int, int] | None, options: ReadOptions
+    path: Path, picture: Path | None, size: tuple[int, int] | None, options: ReadOptions
 ) -> tuple[MountedCamera | None, tuple[str, ...]]:
     """The camera of pictures: given, beside them, or a pinhole of the stated field of view; and notes on it.
 
     Args:
         path: of the source.
-        size: width and height of its first picture, px; None where none can be read.
+        picture: its first one that can be read; None: none, or a video.
+        size: width and height of its first picture, px; None: none can be read.
         options: the caller's.
 
     Raises:
         RecordingError: a camera file of another shape, or one that contradicts the stated field of view.
     """
-    mounted = options.camera
+    mounted, origin = options.camera, OF_OPTION
     if mounted is None and (camera_file := _find(path, *CAMERA_FILES)) is not None:
-        mounted = read_camera_file(camera_file)
+        mounted, origin = read_camera_file(camera_file), f"of {camera_file.name}"
     if mounted is not None:
         check_fov(mounted.camera, options.fov_deg, str(path))
-        notes = _note_scaling(path, mounted, size)
+        notes = (note_camera(str(path), mounted.camera, origin), *_note_scaling(path, mounted, size))
     elif options.fov_deg is not None and size is not None:
         mounted = make_pinhole(*size, options.fov_deg)
-        notes = (note_pinhole(str(path), mounted.camera, options.fov_deg),)
+        notes = (note_camera(str(path), mounted.camera, STATED),)
     else:
-        place = _list_places(path, CAMERA_FILE)[-1]
-        notes = (f"{path}: no camera file: lines in pixels, no metres; for these write {place}: {EXAMPLE}",)
+        notes = (_note_unstated(path, picture, size),)
     return mounted and mounted.at(options.deck_z_m, options.sea_z_m), notes
+
+
+def _note_unstated(path: Path, picture: Path | None, size: tuple[int, int] | None) -> str:
+    """The note on a source whose camera nobody states: that of EXIF, which every picture may have, or none."""
+    camera, origin = (None, "") if picture is None or size is None else camera_from_exif(picture, *size)
+    if camera is not None:
+        return note_camera(str(path), camera, origin)
+    why = f"no camera file, and {origin}" if origin else "no camera file"
+    return note_assumed(str(path), why, f"write {_list_places(path, CAMERA_FILE)[-1]}: {EXAMPLE}")
 
 
 def _note_scaling(path: Path, mounted: MountedCamera, size: tuple[int, int] | None) -> tuple[str, ...]:
