@@ -5,7 +5,8 @@ from dataclasses import replace
 from deckline.config import Models
 from deckline.dehaze.base import Dehazer, DehazeResult, restore
 from deckline.dehaze.by_pose import downscale_frame
-from deckline.types import Frame, Value
+from deckline.geometry import UNKNOWN_FOCAL_SIGMA, Camera
+from deckline.types import Frame, PoseSource, Value
 
 DISPLAY_PX = 640  # longer side of a picture for people: what the film shows
 DEFAULTS = Models()
@@ -25,6 +26,7 @@ def dehaze_frame(
     Raises:
         ValueError: the dehazer refuses the frame.
     """
+    frame = _without_picture_pose(frame)
     small = frame if long_side_px is None else downscale_frame(frame, long_side_px)
     restored, height_m = restore(dehazer, small, models.strength), models.camera_height_m
     heights = restored.visibility_heights
@@ -42,3 +44,15 @@ def dehaze_for_display(
     except ValueError as error:
         image = downscale_frame(frame, long_side_px).image_rgb
         return DehazeResult(image.copy(), f"not dehazed: {' '.join(str(error).split())}")
+
+
+def _without_picture_pose(frame: Frame) -> Frame:
+    """The frame as it came: a pose in the runway's frame knows nothing of the sea, and its camera may be assumed."""
+    if frame.pose_source is not PoseSource.PICTURE:
+        return frame
+    camera = frame.camera
+    if camera.focal_sigma is not None and camera.focal_sigma >= UNKNOWN_FOCAL_SIGMA:
+        camera = Camera.unknown(camera.width, camera.height)
+    return replace(
+        frame, camera=camera, world_from_body=None, deck_z_m=None, pose_source=PoseSource.NAVIGATION, in_widths=False
+    )

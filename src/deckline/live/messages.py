@@ -9,8 +9,9 @@ from scipy.spatial.transform import RigidTransform
 from deckline.config import Approach
 from deckline.flight import FrameResult
 from deckline.guide import guidance
+from deckline.picture_pose import PictureForecast
 from deckline.report.records import GUIDANCE, Record, frame_record, guidance_record, protection_record
-from deckline.track.forecast import Forecast
+from deckline.track import Forecast
 from deckline.types import DepthMode, Diagnostic, Guidance, LineVisibility, Reason, RunwayEstimate, Status, Track, Value
 
 NO_FRAME = "without a frame"  # what is counted of messages that carry none
@@ -42,7 +43,7 @@ class Answer:
 
     result: FrameResult
     """Of the frame."""
-    forecast: Forecast | None
+    forecast: Forecast | PictureForecast | None
     """Predicts its track; None: no track."""
     at_s: float
     """Time of capture, monotonic clock, s."""

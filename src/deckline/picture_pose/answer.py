@@ -13,17 +13,18 @@ from deckline.picture_pose.states import Belief, States, line_rows
 from deckline.types import (
     DepthMode,
     Frame,
-    Guidance,
-    InWidths,
     PoseSource,
+    Reason,
     RunwayEstimate,
     RunwayLine,
+    Scale,
     Track,
     TrackState,
     Value,
 )
 
 Array = NDArray[np.float64]
+REPLACED = {Reason.NO_POSE, Reason.NO_CAMERA}  # reasons that hold no longer
 MAX_SPEED_SIGMA_M_S = 20.0  # above which no rate is given
 
 
@@ -34,7 +35,6 @@ def with_pose(frame: Frame, belief: Belief) -> Frame:
         world_from_body=belief.world_from_body,
         deck_z_m=0.0,
         sea_z_m=None,
-        depth_m=None,
         pose_source=PoseSource.PICTURE,
     )
 
@@ -56,7 +56,7 @@ def lines_of(belief: Belief, at_m: float, config: RunConfig) -> dict[str, Runway
 
 def estimate_of(estimate: RunwayEstimate, belief: Belief, ramp: bool, config: RunConfig) -> RunwayEstimate:
     """The frame's estimate with the lines of a belief."""
-    diagnostics = tuple(d for d in estimate.diagnostics if d.reason not in ("no pose", "no camera"))
+    diagnostics = tuple(d for d in estimate.diagnostics if d.reason not in REPLACED)
     return replace(
         estimate,
         mode=DepthMode.WIDTH,
@@ -87,41 +87,26 @@ def track_of(belief: Belief, state: TrackState, ramp: bool, shared_sigma: Array,
         lateral_rate_m_s=lateral,
         height_rate_m_s=height,
         closing_m_s=None if distance is None or not ramp else Value(-distance.value, distance.sigma),
+        scale_sources=() if config.deck.width_m is None else (Scale.WIDTH,),
     )
 
 
-def in_widths(frame: Frame, estimate: RunwayEstimate, track: Track, width_m: float) -> tuple[Frame, RunwayEstimate, Track]:
+def in_widths(
+    frame: Frame, estimate: RunwayEstimate, track: Track, width_m: float
+) -> tuple[Frame, RunwayEstimate, Track]:
     """The same with every length of the runway's frame counted in runway widths; rates and levels are left out."""
     by, pose = 1 / width_m, frame.world_from_body
     if pose is not None:
         placed = RigidTransform.from_components(by * np.asarray(pose.translation), pose.rotation)
-        frame = replace(frame, world_from_body=placed)
-    lengths = {"ramp_sigma_m": None if track.ramp_sigma_m is None else by * track.ramp_sigma_m}
-    lines = {side: _scale_line(line, by) for side, line in estimate.lines.items()}
-    estimate = replace(estimate, lines=lines, **lengths)
+        frame = replace(frame, world_from_body=placed, in_widths=True)
+    ramp_sigma = None if track.ramp_sigma_m is None else by * track.ramp_sigma_m
     lines = {side: _scale_line(line, by) for side, line in track.lines.items()}
-    rates = dict.fromkeys(("lateral_rate_m_s", "height_rate_m_s", "closing_m_s"))
-    return frame, estimate, replace(track, lines=lines, protection=None, **lengths, **rates)
+    estimate = replace(estimate, lines=lines, ramp_sigma_m=ramp_sigma)
+    track = replace(track, lines=lines, ramp_sigma_m=ramp_sigma, protection=None, closing_m_s=None)
+    return frame, estimate, replace(track, lateral_rate_m_s=None, height_rate_m_s=None)
 
 
 def _scale_line(line: RunwayLine, by: float) -> RunwayLine:
     scale = np.outer([by, 1.0, by], [by, 1.0, by])
     covariance = scale * line.covariance
     return RunwayLine(by * line.point_m, line.azimuth_rad, covariance, covariance)
-
-
-def guidance_in_widths(found: Guidance) -> Guidance:
-    """Guidance that was computed in runway widths, with none of them called a metre."""
-    lateral, height = found.lateral_deviation_m, found.height_above_deck_m
-    known = None if lateral is None or height is None else InWidths(lateral, height, found.distance_to_ramp_m)
-    return replace(
-        found,
-        lateral_deviation_m=None,
-        height_above_deck_m=None,
-        distance_to_ramp_m=None,
-        vertical_deviation_m=None,
-        lateral_deviation_rad=None,
-        vertical_deviation_rad=None,
-        distance_to_touchdown_m=None,
-        in_widths=known,
-    )

@@ -109,7 +109,7 @@ def _iterate(
         offset = prior.mean - belief.mean
         offset[States.ATTITUDE] = -Rotation.from_matrix(belief.rotation).as_rotvec()
         step = np.linalg.solve(normal, information @ offset + innovation.design.T @ (weights * innovation.residuals))
-        belief = belief.move(step, np.linalg.inv(normal))
+        belief = belief.move(np.asarray(step, np.float64), np.asarray(np.linalg.inv(normal), np.float64))
         if float(step @ normal @ step) < CONVERGED**2:
             break
     return belief

@@ -49,7 +49,7 @@ def sight_ramp(
     camera = placed.world_from_camera
     if camera is None or ahead <= 0:
         return None
-    ray = camera.inv().apply(middle + [ahead, 0.0, 0.0])
+    ray = camera.inv().apply(middle + np.array([ahead, 0.0, 0.0]))
     if ray[2] <= 0:
         return None
     return RampSight(ray / ray[2], float(np.sqrt(ends.variance.sum() / 4 + (ends.separation_m / 2) ** 2)))

@@ -14,7 +14,7 @@ from deckline.config import RunConfig
 from deckline.geometry import Camera
 
 Array = NDArray[np.float64]
-USUAL_WIDTH_M = 20.0  # the unit of lengths where no width is stated: between 14.7 m (Li et al. 2024) and 24 m (carriers)
+USUAL_WIDTH_M = 20.0  # the unit where none is stated: between 14.7 m (Li et al. 2024) and 24 m (carriers)
 
 
 class States:
@@ -119,9 +119,7 @@ def shared_sigmas(camera: Camera, config: RunConfig) -> Array:
     return np.maximum([focal, point, point, *horizon, width, deck.angle_sigma_rad, *slopes, bias, bias], 1e-6)
 
 
-def initial_belief(
-    time_s: float, rotation: Array, place_m: Array, shared_sigma: Array, config: RunConfig
-) -> Belief:
+def initial_belief(time_s: float, rotation: Array, place_m: Array, shared_sigma: Array, config: RunConfig) -> Belief:
     """Nothing is known but what is stated; mean place (3,) and rotation (3, 3) are where the fit starts."""
     mean, sigma = np.zeros(States.SIZE), np.zeros(States.SIZE)
     mean[States.PLACE] = place_m

@@ -8,13 +8,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import RigidTransform
 from scipy.stats import chi2, norm
 
 from deckline.config import RunConfig
 from deckline.dehaze.horizon import Horizon, NoHorizon, find_horizon
 from deckline.dehaze.horizon_search import ANSWER_S, HorizonSearch
 from deckline.geometry import Camera
-from deckline.picture_pose.answer import estimate_of, in_widths, reference_m, track_of, with_pose
+from deckline.picture_pose.answer import estimate_of, in_widths, track_of, with_pose
 from deckline.picture_pose.fit import fit_pose
 from deckline.picture_pose.integrity import bias_flag, unverified_reasons
 from deckline.picture_pose.model import (
@@ -53,6 +54,7 @@ CORRELATION_TIME_S = 0.33  # frames so close together err alike, so that they co
 RAMP_CORRELATION_S = 1.0  # the same of the ramp
 HORIZON_VALID_S = 3.0  # a horizon that agreed so long ago still confirms the roll
 MIN_STEP_S = 1e-6
+UNUSABLE = {Reason.FROZEN}  # flags of a frame whose lines may not update the track
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +95,31 @@ class _Memory:
     since: list[Sighting] = field(default_factory=list)  # of the frames after it
 
 
+@dataclass(frozen=True, eq=False)
+class PictureForecast:
+    """Predicts a track to later times. It never changes, so any thread may use it."""
+
+    belief: Belief  # at the frame
+    seen_s: float  # when lines were last used
+    has_ramp: bool
+    shared_sigma: Array
+    track: Track
+    config: RunConfig
+
+    def at(self, time_s: float) -> tuple[Track, RigidTransform, float] | None:
+        """Track, world_from_body and 1-sigma of its heading beside the track's, rad, at a time.
+
+        None before the frame, and when no line was seen for longer than `tracking.coast_s`.
+        """
+        if not self.belief.time_s <= time_s <= self.seen_s + self.config.tracking.coast_s:
+            return None
+        belief = predict(self.belief, time_s, self.shared_sigma)
+        track = track_of(belief, self.track.state, self.has_ramp, self.shared_sigma, self.config)
+        same = {name: getattr(self.track, name) for name in ("flags", "diagnostics", "doubts")}
+        age_s = self.track.age_s + time_s - self.belief.time_s
+        return replace(track, age_s=age_s, **same), belief.world_from_body, 0.0
+
+
 class PictureTracker:
     """Follows the aircraft in the runway's frame by its pictures alone, through the frames of one flight.
 
@@ -111,18 +138,23 @@ class PictureTracker:
         self._memory: _Memory | None = None
         self._camera: Camera | None = None
         self._time_s = -np.inf
+        self._last: Track | None = None
+        self._shared = np.ones(0)
 
     def close(self) -> None:
         """End the thread of the search for the horizon."""
         self._search.close()
 
-    def update(self, frame: Frame, detection: Detection, estimate: RunwayEstimate) -> PictureAnswer:
+    def update(
+        self, frame: Frame, detection: Detection, estimate: RunwayEstimate, flags: Diagnostics = ()
+    ) -> PictureAnswer:
         """The pose after one more frame.
 
         Args:
             frame: without a pose; a camera that is not known is taken for a usual one, with a wide 1-sigma.
             detection: points of its lines.
             estimate: its lines in the image.
+            flags: of the frame's monitors; they join those of the track.
         """
         if not frame.camera.known:
             frame = replace(frame, camera=Camera.assumed(frame.camera.width, frame.camera.height))
@@ -137,13 +169,22 @@ class PictureTracker:
             self.reset()
         self._camera, self._time_s = frame.camera, frame.time_s
         shared = shared_sigmas(frame.camera, self.config)
-        sights = sight_lines(frame.camera, detection, estimate.pixel_lines)
+        is_usable = not any(flag.reason in UNUSABLE for flag in flags)
+        sights = sight_lines(frame.camera, detection, estimate.pixel_lines) if is_usable else {}
         self._take_horizon(frame, shared)
         diagnostics = self._advance(frame, detection, estimate, sights, shared)
         self._search_horizon(frame)
         if self._memory is None:
-            return PictureAnswer(frame, estimate, _lost(frame, diagnostics))
-        return self._answer(self._memory, frame, estimate, shared, diagnostics)
+            return PictureAnswer(frame, estimate, replace(_lost(frame, diagnostics), flags=flags))
+        self._shared = shared
+        return self._answer(self._memory, frame, estimate, shared, diagnostics, flags)
+
+    def forecast(self) -> "PictureForecast | None":
+        """Predicts where the aircraft is after the last frame; None without a track, and in runway widths."""
+        memory = self._memory
+        if memory is None or self.config.deck.width_m is None or self._last is None:
+            return None
+        return PictureForecast(memory.belief, memory.seen_s, memory.has_ramp, self._shared, self._last, self.config)
 
     def _answer_alone(self, frame: Frame, detection: Detection, estimate: RunwayEstimate) -> PictureAnswer:
         """One frame for itself: its horizon is found at once."""
@@ -175,7 +216,8 @@ class PictureTracker:
         shared: Array,
     ) -> Diagnostics:
         """The memory after the lines of one more frame; returns why it is lost or began anew."""
-        tracking, memory, diagnostics = self.config.tracking, self._memory, ()
+        tracking, memory = self.config.tracking, self._memory
+        diagnostics: Diagnostics = ()
         if memory is not None and frame.time_s - memory.seen_s > tracking.coast_s:
             memory = self._memory = None
         if memory is not None:
@@ -273,7 +315,13 @@ class PictureTracker:
         memory.belief = belief
 
     def _answer(
-        self, memory: _Memory, frame: Frame, estimate: RunwayEstimate, shared: Array, diagnostics: Diagnostics
+        self,
+        memory: _Memory,
+        frame: Frame,
+        estimate: RunwayEstimate,
+        shared: Array,
+        diagnostics: Diagnostics,
+        monitored: Diagnostics,
     ) -> PictureAnswer:
         belief, time_s, config = memory.belief, frame.time_s, self.config
         used = memory.seen_s == time_s
@@ -288,18 +336,17 @@ class PictureTracker:
         excluded = tuple(Diagnostic(reason, f"the {reason} line is left out") for reason in memory.excluded_s)
         track = replace(
             track_of(belief, TrackState.TRACKING if used else TrackState.COASTING, memory.has_ramp, shared, config),
-            flags=tuple(flag for flag in flags if flag is not None),
+            flags=tuple(flag for flag in flags if flag is not None) + monitored,
             excluded=excluded,
             diagnostics=diagnostics,
             age_s=age_s,
             doubts=unverified_reasons(belief, age_s, has_horizon, shared, config),
         )
         found = estimate_of(estimate, belief, memory.has_ramp, config)
+        self._last = track
         return PictureAnswer(*self._in_unit(with_pose(frame, belief), found, track))
 
-    def _in_unit(
-        self, frame: Frame, estimate: RunwayEstimate, track: Track
-    ) -> tuple[Frame, RunwayEstimate, Track]:
+    def _in_unit(self, frame: Frame, estimate: RunwayEstimate, track: Track) -> tuple[Frame, RunwayEstimate, Track]:
         """In metres where the width is stated, else in runway widths."""
         if self.config.deck.width_m is not None:
             return frame, estimate, track
@@ -346,7 +393,9 @@ def _start_ramp(belief: Belief, ramp: RampSight, frame: Frame) -> Belief:
     moved = belief.covariance.copy()
     moved[States.DISTANCE], moved[:, States.DISTANCE] = 0.0, 0.0
     moved[States.DISTANCE, States.DISTANCE] = float(innovation.residuals[0]) ** 2 + CLOSING_SIGMA_M_S**2
-    return update(replace(belief, covariance=moved), ramp_innovation(belief, ramp.ray, ramp.sigma_m, frame.body_from_camera))
+    return update(
+        replace(belief, covariance=moved), ramp_innovation(belief, ramp.ray, ramp.sigma_m, frame.body_from_camera)
+    )
 
 
 def _sight(camera: Camera, found: Horizon | NoHorizon | None) -> HorizonSight | None:

@@ -46,7 +46,7 @@ LINE_ERRORS = {  # of each line, and what people call it
     "lateral_error_at_ramp_m": "sideways at the ramp",
     "height_error_m": "height",
 }
-STAGES = ("dehaze", "detect", "localize", "guide", "track")
+STAGES = ("dehaze", "detect", "localize", "guide", "track", "picture")
 NO_COLUMNS: Mapping[str, Iterable[str | int]] = {}
 SKIPPED = "skipped"  # what a frame that cannot be used counts as
 
