@@ -7,11 +7,11 @@ horizon, or as wide as `picture.roll_sigma_deg` states. What scales with what: `
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.spatial.transform import Rotation
 
 from deckline.config import RunConfig
 from deckline.geometry import attitude
-from deckline.picture_pose.model import NOTHING, Innovation, horizon_innovation, line_innovation
+from deckline.picture_pose.model import Innovation, Mount, horizon_innovation, lines_innovation
 from deckline.picture_pose.sights import HorizonSight, LineSight
 from deckline.picture_pose.states import USUAL_WIDTH_M, Belief, States, initial_belief
 from deckline.types import SIDES, Diagnostic, Reason
@@ -30,7 +30,7 @@ def fit_pose(
     time_s: float,
     sights: dict[str, LineSight],
     horizon: HorizonSight | None,
-    body_from_camera: RigidTransform,
+    mount: Mount,
     shared_sigma: Array,
     config: RunConfig,
 ) -> Belief | Diagnostic:
@@ -40,32 +40,31 @@ def fit_pose(
         time_s: of the picture.
         sights: its edge lines, both needed.
         horizon: of the same picture; None: the roll is as likely as `picture.roll_sigma_deg` states.
-        body_from_camera: the mounting.
+        mount: of the camera.
         shared_sigma: (11,) of `States.SHARED`.
         config: what is stated of the runway and the aircraft.
     """
     if set(sights) != set(SIDES):
         return Diagnostic(Reason.NO_VANISHING_POINT, "one line alone gives no pose: both edge lines are needed")
     roll = 0.0 if horizon is None else -float(np.arctan(horizon.slope))
-    start = closed_form(sights, body_from_camera, roll, config)
+    start = closed_form(sights, mount, roll, config)
     if isinstance(start, Diagnostic):
         return start
     rotation, place = start
     prior = initial_belief(time_s, rotation, place, shared_sigma, config)
-    return check_belief(_iterate(prior, sights, horizon, body_from_camera), sights, horizon, body_from_camera)
+    return check_belief(_iterate(prior, sights, horizon, mount), sights, horizon, mount)
 
 
 def closed_form(
-    sights: dict[str, LineSight], body_from_camera: RigidTransform, camera_roll: float, config: RunConfig
+    sights: dict[str, LineSight], mount: Mount, camera_roll: float, config: RunConfig
 ) -> tuple[Array, Array] | Diagnostic:
     """runway_from_body (3, 3) and distance, lateral deviation and height, m, without noise and slopes.
 
     Args:
         camera_roll: of the picture against the horizon, rad.
     """
-    mount = body_from_camera.rotation.as_matrix()
-    normals = {side: mount @ np.cross(*sight.rays) for side, sight in sights.items()}  # body
-    rays = {side: sight.rays @ mount.T for side, sight in sights.items()}
+    normals = {side: mount.rotation @ np.cross(*sight.rays) for side, sight in sights.items()}  # body
+    rays = {side: sight.rays @ mount.rotation.T for side, sight in sights.items()}
     meeting = np.cross(normals["left"], normals["right"])
     length = float(np.linalg.norm(meeting))
     scale = float(np.linalg.norm(normals["left"]) * np.linalg.norm(normals["right"]))
@@ -97,13 +96,11 @@ def closed_form(
     return rotation, np.array([nearest * height, lateral, height])
 
 
-def _iterate(
-    prior: Belief, sights: dict[str, LineSight], horizon: HorizonSight | None, body_from_camera: RigidTransform
-) -> Belief:
+def _iterate(prior: Belief, sights: dict[str, LineSight], horizon: HorizonSight | None, mount: Mount) -> Belief:
     """Gauss-Newton on measurements and prior together; the prior's attitude is level flight along the runway."""
     information, belief = np.linalg.inv(prior.covariance), prior
     for _ in range(STEPS):
-        innovation = innovations(belief, sights, horizon, body_from_camera)
+        innovation = innovations(belief, sights, horizon, mount)
         weights = 1 / innovation.variance
         normal = information + (innovation.design.T * weights) @ innovation.design
         offset = prior.mean - belief.mean
@@ -115,18 +112,14 @@ def _iterate(
     return belief
 
 
-def innovations(
-    belief: Belief, sights: dict[str, LineSight], horizon: HorizonSight | None, body_from_camera: RigidTransform
-) -> Innovation:
+def innovations(belief: Belief, sights: dict[str, LineSight], horizon: HorizonSight | None, mount: Mount) -> Innovation:
     """Of all that one picture shows."""
-    total = NOTHING
-    for side, sight in sights.items():
-        total = total + line_innovation(belief, side, sight, body_from_camera)
-    return total if horizon is None else total + horizon_innovation(belief, horizon, body_from_camera)
+    total = lines_innovation(belief, sights, mount)
+    return total if horizon is None else total + horizon_innovation(belief, horizon, mount)
 
 
 def check_belief(
-    belief: Belief, sights: dict[str, LineSight], horizon: HorizonSight | None, body_from_camera: RigidTransform
+    belief: Belief, sights: dict[str, LineSight], horizon: HorizonSight | None, mount: Mount
 ) -> Belief | Diagnostic:
     """The belief, or why it is none."""
     rotation, widths = Rotation.from_matrix(belief.rotation), belief.mean[States.HEIGHT] / belief.width_m
@@ -136,7 +129,7 @@ def check_belief(
         return Diagnostic(Reason.NO_VANISHING_POINT, "the lines are too short to show where they meet")
     if abs(rotation.as_euler("ZYX")[2]) > MAX_ROLL_RAD:
         return Diagnostic(Reason.NO_VANISHING_POINT, "the picture is upside down or on its side")
-    left = innovations(belief, sights, horizon, body_from_camera)
+    left = innovations(belief, sights, horizon, mount)
     if (np.abs(left.residuals) > MAX_RESIDUAL * np.sqrt(left.variance)).any():
         return Diagnostic(Reason.ATTITUDE, "lines and horizon of the picture contradict each other")
     return belief

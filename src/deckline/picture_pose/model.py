@@ -4,6 +4,7 @@ A runway line is the ray's plane: n . r = 0 for a ray r to it and the normal n o
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,18 @@ from deckline.picture_pose.states import DIP_RAD, Belief, States
 Array = NDArray[np.float64]
 SIGN = {"left": -1.0, "right": 1.0}
 BIAS = {"left": States.LEFT, "right": States.RIGHT}
+
+
+class Mount(NamedTuple):
+    """The camera's mounting as plain arrays: a scipy transform costs more than all else here."""
+
+    rotation: Array  # (3, 3) body_from_camera
+    translation: Array  # (3,) camera from body, body, m
+
+    @classmethod
+    def of(cls, body_from_camera: RigidTransform) -> "Mount":
+        translation, rotation = body_from_camera.as_components()
+        return cls(rotation.as_matrix(), np.asarray(translation))
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,11 +53,11 @@ class Innovation:
 NOTHING = Innovation(np.zeros(0), np.zeros((0, States.SIZE)), np.zeros(0))
 
 
-def line_innovation(belief: Belief, side: str, sight: LineSight, body_from_camera: RigidTransform) -> Innovation:
+def line_innovation(belief: Belief, side: str, sight: LineSight, mount: Mount) -> Innovation:
     """Of one edge line: how far off its expected place it lies, at two points, normalised image coordinates."""
     mean, sign = belief.mean, SIGN[side]
-    rotation = belief.rotation @ body_from_camera.rotation.as_matrix()
-    arm = belief.rotation @ body_from_camera.translation  # camera from body, runway frame
+    rotation = belief.rotation @ mount.rotation
+    arm = belief.rotation @ mount.translation  # camera from body, runway frame
     local = _correct(sight.rays, mean)
     rays = local @ rotation.T
     distance, slope = mean[States.DISTANCE] - arm[0], mean[States.SLOPE]
@@ -64,18 +77,18 @@ def line_innovation(belief: Belief, side: str, sight: LineSight, body_from_camer
     design[:, States.ANGLE] = sign / 2 * (-distance * by_half - below * rays[:, 0])
     design[:, States.SLOPE] = aside * rays[:, 0] + arm[0] * by_below
     design[:, States.CANT] = half * by_below
-    design[:, States.ATTITUDE] = np.cross(rays, normal)
+    design[:, States.ATTITUDE] = cross(rays, normal)
     by_ray = normal @ rotation  # (3,) change of n . r with the ray, optical frame
     design[:, [States.FOCAL, States.CX, States.CY]] = _by_camera(local, mean, by_ray)
     scale = 1 / float(by_ray[:2] @ sight.across)
     return Innovation(-scale * (rays @ normal), scale * design, sight.sigma**2)
 
 
-def ramp_innovation(belief: Belief, ray: Array, sigma_m: float, body_from_camera: RigidTransform) -> Innovation:
+def ramp_innovation(belief: Belief, ray: Array, sigma_m: float, mount: Mount) -> Innovation:
     """Of the lines' near end: where a ray (3,) of the optical frame to it meets the deck, against the ramp, m."""
     mean = belief.mean
-    rotation = belief.rotation @ body_from_camera.rotation.as_matrix()
-    arm = belief.rotation @ body_from_camera.translation
+    rotation = belief.rotation @ mount.rotation
+    arm = belief.rotation @ mount.translation
     local = _correct(ray[None], mean)
     x, _, z = rotation @ local[0]
     distance, slope = mean[States.DISTANCE] - arm[0], mean[States.SLOPE]
@@ -85,27 +98,32 @@ def ramp_innovation(belief: Belief, ray: Array, sigma_m: float, body_from_camera
     design = np.zeros((1, States.SIZE))
     design[0, States.DISTANCE], design[0, States.HEIGHT] = by_distance, x
     design[0, States.SLOPE] = x * mean[States.DISTANCE]
-    design[0, States.ATTITUDE] = np.cross(rotation @ local[0], normal)
+    design[0, States.ATTITUDE] = cross(rotation @ local[0], normal)
     design[:, [States.FOCAL, States.CX, States.CY]] = _by_camera(local, mean, normal @ rotation)
     scale = 1 / by_distance
     return Innovation(np.array([-scale * (below * x - distance * z)]), scale * design, np.array([sigma_m**2]))
 
 
-def horizon_innovation(belief: Belief, sight: HorizonSight, body_from_camera: RigidTransform) -> Innovation:
+def horizon_innovation(belief: Belief, sight: HorizonSight, mount: Mount) -> Innovation:
     """Of the horizon's height, rad, and of its tilt, rad."""
     mean = belief.mean
-    rotation = belief.rotation @ body_from_camera.rotation.as_matrix()
+    rotation = belief.rotation @ mount.rotation
     local = _correct(sight.middle[None], mean)
     ray, step = rotation @ local[0], rotation @ np.array([1.0, sight.slope, 0.0])
     length, along = float(np.linalg.norm(ray)), float(np.linalg.norm(step))
     down = np.array([0.0, 0.0, 1.0])
     design = np.zeros((2, States.SIZE))
-    design[0, States.ATTITUDE], design[1, States.ATTITUDE] = np.cross(ray, down) / length, np.cross(step, down) / along
+    design[0, States.ATTITUDE], design[1, States.ATTITUDE] = cross(ray, down) / length, cross(step, down) / along
     design[:1, [States.FOCAL, States.CX, States.CY]] = _by_camera(local, mean, rotation[2]) / length
     design[0, States.HORIZON_UP] = design[1, States.HORIZON_TILT] = 1.0
     expected = ray[2] / length - DIP_RAD + mean[States.HORIZON_UP], step[2] / along + mean[States.HORIZON_TILT]
     variance = np.array([sight.sigma / length, sight.slope_sigma / along]) ** 2
     return Innovation(-np.array(expected), design, variance)
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Cross products (..., 3); numpy's own takes ten times as long for a few vectors."""
+    return a[..., [1, 2, 0]] * b[..., [2, 0, 1]] - a[..., [2, 0, 1]] * b[..., [1, 2, 0]]
 
 
 def _correct(rays: Array, mean: Array) -> Array:
@@ -118,6 +136,14 @@ def _by_camera(local: Array, mean: Array, by_ray: Array) -> Array:
     share = 1 + mean[States.FOCAL]
     by_point = np.broadcast_to(-by_ray[:2] / share, (len(local), 2))
     return np.column_stack([-(local[:, :2] @ by_ray[:2]) / share, by_point])
+
+
+def lines_innovation(belief: Belief, sights: dict[str, LineSight], mount: Mount) -> Innovation:
+    """Of some edge lines together."""
+    total = NOTHING
+    for side, sight in sights.items():
+        total = total + line_innovation(belief, side, sight, mount)
+    return total
 
 
 def update(belief: Belief, innovation: Innovation) -> Belief:

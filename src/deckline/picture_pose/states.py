@@ -96,7 +96,8 @@ class Belief:
         """(23,) change of the nose's azimuth, rad, with the states."""
         nose = self.rotation[:, 0]
         row = np.zeros(States.SIZE)
-        row[States.ATTITUDE] = np.cross(nose, [-nose[1], nose[0], 0.0]) / (nose[0] ** 2 + nose[1] ** 2)
+        x, y, z = nose / np.hypot(nose[0], nose[1])
+        row[States.ATTITUDE] = -z * x, -z * y, 1.0
         return row
 
     def move(self, step: Array, covariance: Array) -> "Belief":
