@@ -8,6 +8,7 @@ from scipy.spatial.transform import RigidTransform
 from approach_scene import chain, frame
 from deckline.flight import FrameResult
 from deckline.types import (
+    DepthMode,
     Diagnostic,
     InWidths,
     PoseSource,
@@ -41,15 +42,18 @@ def picture_result(in_widths: bool = True, is_ok: bool = False, range_m: float =
     true, guided = at.world_from_body, flown.guidance
     pose = RigidTransform.from_components((true.translation - RAMP_M) / unit_m, true.rotation)
     truth = replace(at.truth, world_from_body=true)
-    seen = replace(at, world_from_body=pose, deck_z_m=None, truth=truth, pose_source=PoseSource.PICTURE)
+    seen = replace(
+        at, world_from_body=pose, deck_z_m=None, truth=truth, pose_source=PoseSource.PICTURE, in_widths=in_widths
+    )
     lines = {side: _move(line, unit_m) for side, line in flown.estimate.lines.items()}
     ramp = (flown.estimate.ramp_m - RAMP_M) / unit_m
-    estimate = replace(flown.estimate, lines=lines, ramp_m=ramp, ramp_sigma_m=2.0 / unit_m)
+    estimate = replace(flown.estimate, mode=DepthMode.WIDTH, lines=lines, ramp_m=ramp, ramp_sigma_m=2.0 / unit_m)
     values = {name: getattr(guided, f"{name}_m") for name in LENGTHS}
     widths = InWidths(**{name: Value(value.value / unit_m, value.sigma / unit_m) for name, value in values.items()})
     advice = replace(
         guided,
         status=Status.OK if is_ok else Status.UNVERIFIED,
+        mode=DepthMode.WIDTH,
         pose_source=PoseSource.PICTURE,
         diagnostics=() if is_ok else (NO_WIDTH,) if in_widths else (YOUNG,),
         scale_sources=() if in_widths else (Scale.WIDTH,),
@@ -60,7 +64,9 @@ def picture_result(in_widths: bool = True, is_ok: bool = False, range_m: float =
         angles = ("lateral_deviation_rad", "vertical_deviation_rad")
         advice = replace(advice, in_widths=widths, **dict.fromkeys((*names, *angles)))
     track = Track(at.time_s, TrackState.TRACKING, lines, ramp_m=ramp, ramp_sigma_m=2.0 / unit_m, age_s=2.0)
-    return replace(flown, frame=seen, estimate=estimate, guidance=advice, track=track)
+    return replace(
+        flown, frame=seen, estimate=estimate, guidance=advice, track=track, seconds={**flown.seconds, "picture": 0.002}
+    )
 
 
 def _move(line: RunwayLine, unit_m: float) -> RunwayLine:

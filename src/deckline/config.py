@@ -313,6 +313,24 @@ class Tracking:
 
 
 @dataclass(frozen=True)
+class PicturePose:
+    """What is known of an aircraft whose pose the picture alone gives.
+
+    Args:
+        roll_sigma_deg: 1-sigma of its roll about level flight, where no horizon shows it, degrees.
+    """
+
+    roll_sigma_deg: float = 5.0
+
+    def __post_init__(self) -> None:
+        check_numbers(self, "picture", above=0.0, most=45.0)
+
+    @property
+    def roll_sigma_rad(self) -> float:
+        return float(np.deg2rad(self.roll_sigma_deg))
+
+
+@dataclass(frozen=True)
 class Navigation:
     """How poses of a clock and a rate of their own are placed on pictures.
 
@@ -391,6 +409,7 @@ class RunConfig:
         tracking: the filter over frames.
         integrity: flags and protection levels.
         navigation: how poses are placed on pictures.
+        picture: of an aircraft without a pose.
         seed: of RANSAC's draws; every frame has its own generator.
     """
 
@@ -404,6 +423,7 @@ class RunConfig:
     tracking: Tracking = field(default_factory=Tracking)
     integrity: Integrity = field(default_factory=Integrity)
     navigation: Navigation = field(default_factory=Navigation)
+    picture: PicturePose = field(default_factory=PicturePose)
     seed: int = 0
 
     @cached_property

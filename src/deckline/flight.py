@@ -4,6 +4,7 @@
     localize  the lines in the world, with covariance, from this frame alone
     monitors  flags that contradict lines or pose without the track
     track     the lines over frames: the filter's update, gate and fault tests
+    picture_pose  without a pose: where the aircraft is by lines, horizon and width alone, over frames
     guide     lateral deviation, heading error, height, distance: `guide/deviations.py`
 
 A detector that was trained on haze finds more in the hazy picture. The chain dehazes only for a detector that never saw
@@ -29,8 +30,18 @@ from deckline.detect.prior import ImagePrior, prior_from_survey, project_prior
 from deckline.guide import guidance
 from deckline.localize import Localizer, localize
 from deckline.monitors import Monitor, build_monitors
-from deckline.track import Prediction, Tracker
-from deckline.types import Detection, Diagnostics, Frame, Guidance, RunwayEstimate, RunwayPrior, Track
+from deckline.picture_pose import PictureForecast, PictureTracker
+from deckline.track import Forecast, Prediction, Tracker
+from deckline.types import (
+    Detection,
+    Diagnostics,
+    Frame,
+    Guidance,
+    RunwayEstimate,
+    RunwayPrior,
+    Track,
+    TrackState,
+)
 
 T = TypeVar("T")
 
@@ -40,7 +51,7 @@ class FrameResult:
     """Everything that the chain found in one frame; final."""
 
     frame: Frame
-    """The frame itself."""
+    """The frame itself; one without a pose has the pose that its picture gives (`Frame.pose_source`)."""
     detection: Detection
     """Points of the lines in its picture."""
     estimate: RunwayEstimate
@@ -79,6 +90,8 @@ class Flight:
         self.detector = detector
         self.localizer = localizer
         self.tracker = Tracker(config) if config.tracking.enabled else None
+        self.picture = PictureTracker(config)
+        self._by_picture = False  # what answered last
         self._survey = prior_from_survey(config.survey)
         self._image_prior = ImagePrior()
         self._scheduler: SearchScheduler | None = None
@@ -121,13 +134,21 @@ class Flight:
         self._image_prior = ImagePrior()
         if self.tracker is not None:
             self.tracker.reset()
+        self.picture.reset()
         for monitor in self._monitors:
             monitor.reset()
 
     def close(self) -> None:
-        """End the threads of the monitors."""
+        """End the threads of the monitors and of the search for the horizon."""
+        self.picture.close()
         for monitor in self._monitors:
             monitor.close()
+
+    def forecast(self) -> Forecast | PictureForecast | None:
+        """Predicts where the aircraft is after the last frame; None without a track."""
+        if self._by_picture:
+            return self.picture.forecast()
+        return None if self.tracker is None else self.tracker.forecast()
 
     def __enter__(self) -> "Flight":
         return self
@@ -163,6 +184,10 @@ class Flight:
         estimate = _timed(seconds, "localize", lambda: self.localizer(frame, points, self.config, rng))
         flags = self._monitor(prediction, estimate, None if is_given else points)
         track = _timed(seconds, "track", lambda: self._update_track(prediction, points, estimate, flags))
+        self._by_picture = frame.world_from_body is None and (track is None or track.state is TrackState.LOST)
+        if self._by_picture:
+            answer = _timed(seconds, "picture", lambda: self.picture.update(frame, points, estimate, flags))
+            frame, estimate, track = answer.frame, answer.estimate, answer.track
         advice = _timed(seconds, "guide", lambda: guidance(frame, estimate, track, self.config.approach))
         return FrameResult(frame, points, estimate, advice, seconds, track, dehazed)
 

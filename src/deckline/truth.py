@@ -138,7 +138,10 @@ def true_guidance(frame: Frame, approach: Approach) -> Guidance | None:
         return None
     line = replace(true_line(centre), point_m=touchdown(centre, approach.touchdown_m))
     exact = RunwayEstimate(LineVisibility.BOTH, DepthMode.NONE, {}, {"centre": line}, centre.p0_m, 0.0)
-    return guidance(replace(frame, world_from_body=frame.true_world_from_body), exact, None, approach)
+    placed = replace(
+        frame, world_from_body=frame.true_world_from_body, pose_source=PoseSource.NAVIGATION, in_widths=False
+    )
+    return guidance(placed, exact, None, approach)
 
 
 def errors_against(

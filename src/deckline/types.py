@@ -48,7 +48,7 @@ class Scale(StrEnum):
     DEPTH = "depth"
     """A depth camera, in this frame."""
     WIDTH = "width"
-    """The stated runway width, which agrees with the track."""
+    """The stated runway width: it agrees with the track, or is the only scale of a picture without a pose."""
 
 
 class PoseSource(StrEnum):
@@ -200,8 +200,10 @@ class DepthMode(StrEnum):
     """From a depth camera."""
     COARSE = "coarse"
     """Where the ray meets the deck plane."""
+    WIDTH = "width"
+    """From how far apart the lines are in the picture, for a stated width or in widths."""
     NONE = "none"
-    """Neither was possible; a `Diagnostic` has the reason."""
+    """None of these was possible; a `Diagnostic` has the reason."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,7 +269,9 @@ class Frame:
     """What a simulator or survey knows; the chain never reads it."""
     pose_source: PoseSource = PoseSource.NAVIGATION
     """Where `world_from_body` comes from; of the picture, the world is the runway's frame: x along the landing from the
-    ramp, y to the right, z down from the deck, in m, or in runway widths where the width is not stated."""
+    ramp, y to the right, z down from the deck."""
+    in_widths: bool = False
+    """Lengths of the world are runway widths, not metres: a picture's pose without a stated width."""
 
     def __post_init__(self) -> None:
         size, dtype = self.image_rgb.shape, self.image_rgb.dtype

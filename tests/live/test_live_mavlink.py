@@ -219,23 +219,35 @@ def test_a_missing_extra_is_named(monkeypatch, capsys):
     assert "deckline[mavlink]" in capsys.readouterr().err
 
 
+class Hovering:
+    """Predicts that nothing moves."""
+
+    def __init__(self, result):
+        self._result = result
+
+    def at(self, time_s):
+        return replace(self._result.track, time_s=time_s), self._result.frame.world_from_body, 0.0
+
+
 def picture_record(**scene):
-    """The message about a frame whose pose is the picture's, taken 0.1 s before."""
-    now_s = time.monotonic()
-    answer = Answer(picture_result(**scene), LAST.forecast, now_s - 0.1)
+    """The message about a frame whose pose is the picture's, taken 0.1 s before; in widths nothing is predicted."""
+    now_s, result = time.monotonic(), picture_result(**scene)
+    answer = Answer(result, None if result.frame.in_widths else Hovering(result), now_s - 0.1)
     return answer_record(answer, PROGRESS, now_s, WALL.at(0.0), 0.2, WIDE.approach)
 
 
 def test_a_pose_of_the_picture_gives_a_target_in_the_body_alone():
     record = picture_record(in_widths=False, is_ok=True)
-    assert record["live"]["now"] is None  # the forecast is the navigation's
+    assert record["live"]["now"]["lateral_deviation_m"]["value"] == pytest.approx(3.0, abs=0.01)
+    touchdown = record["live"]["touchdown"]
+    assert {name for name, value in touchdown.items() if value is not None} == {"body_m"}
     assert landing_target(record, "px4") is None and ship_beacon(record, (46.0, 7.0, 100.0)) is None
     target = landing_target(record, "ardupilot")
     assert (target.frame, target.position_valid) == (mavlink.MAV_FRAME_BODY_FRD, 1)
     wanted = frame().world_from_body.inv().apply(TARGET_M)
     np.testing.assert_allclose([target.x, target.y, target.z], wanted, atol=3.0)  # as far as the ramp is seen
     assert target.distance == pytest.approx(np.linalg.norm([target.x, target.y, target.z]))
-    assert 1e-6 * target.time_usec == pytest.approx(record["live"]["captured_s"])
+    assert 1e-6 * target.time_usec == pytest.approx(record["live"]["sent_s"])
     assert describe(record, "ardupilot") == "ok" and describe(record, "px4") == "ok: pose of the picture, no target"
     assert status_text(record, 12.3, "px4").text == "deckline ok: pose of the picture, no target 12.3 s"
 

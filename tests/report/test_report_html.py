@@ -267,7 +267,7 @@ def test_lengths_in_widths_have_their_tables_and_cards_and_their_own_mode():
     assert "Lateral deviation, runway widths" in html and "Height above deck, runway widths" in html
     assert cards(html)["Lateral error, median"][0].endswith(" widths")
     assert "could be placed relative to the deck" not in html
-    assert {row["mode"] for row in embedded(html)["rows"]} == {"picture"}
+    assert {row["mode"] for row in embedded(html)["rows"]} == {"width"}
     assert band_rows(picture_records())[0][3].endswith(" widths")
     blind = report(picture_records(truth=None, errors=None))
     assert cards(blind)["Lateral deviation, 1 sigma"][0].endswith(" widths")

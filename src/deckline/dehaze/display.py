@@ -5,7 +5,7 @@ from dataclasses import replace
 from deckline.config import Models
 from deckline.dehaze.base import Dehazer, DehazeResult, restore
 from deckline.dehaze.by_pose import downscale_frame
-from deckline.geometry import UNKNOWN_FOCAL_SIGMA
+from deckline.geometry import UNKNOWN_FOCAL_SIGMA, Camera
 from deckline.types import Frame, PoseSource, Value
 
 DISPLAY_PX = 640  # longer side of a picture for people: what the film shows
@@ -47,9 +47,12 @@ def dehaze_for_display(
 
 
 def _without_picture_pose(frame: Frame) -> Frame:
-    """The frame as it came: a pose of the picture is relative to the deck, and the sea has no known height there."""
+    """The frame as it came: a pose in the runway's frame knows nothing of the sea, and its camera may be assumed."""
     if frame.pose_source is not PoseSource.PICTURE:
         return frame
-    is_assumed = frame.camera.focal_sigma is not None and frame.camera.focal_sigma >= UNKNOWN_FOCAL_SIGMA
-    camera = replace(frame.camera, known=False) if is_assumed else frame.camera
-    return replace(frame, camera=camera, world_from_body=None, deck_z_m=None, pose_source=PoseSource.NAVIGATION)
+    camera = frame.camera
+    if camera.focal_sigma is not None and camera.focal_sigma >= UNKNOWN_FOCAL_SIGMA:
+        camera = Camera.unknown(camera.width, camera.height)
+    return replace(
+        frame, camera=camera, world_from_body=None, deck_z_m=None, pose_source=PoseSource.NAVIGATION, in_widths=False
+    )

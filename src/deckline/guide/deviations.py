@@ -13,7 +13,9 @@ from deckline.types import (
     Diagnostics,
     Frame,
     Guidance,
+    InWidths,
     LineVisibility,
+    PoseSource,
     Reason,
     RunwayEstimate,
     RunwayLine,
@@ -59,7 +61,10 @@ def guidance(frame: Frame, estimate: RunwayEstimate, track: Track | None, approa
     source = _select_source(estimate, track)
     flags = estimate.flags if track is None else track.flags + estimate.flags
     scale_sources = _scale_sources(estimate, track)
-    doubts: Diagnostics = () if scale_sources else (NO_SCALE,)
+    by_picture = frame.pose_source is PoseSource.PICTURE
+    doubts: Diagnostics = () if scale_sources or by_picture else (NO_SCALE,)
+    if track is None and by_picture:
+        doubts = (ONE_FRAME,)
     if track is not None:
         doubts += track.doubts if track.lines else (ONE_FRAME,)
     base = Guidance(
@@ -70,6 +75,7 @@ def guidance(frame: Frame, estimate: RunwayEstimate, track: Track | None, approa
         track=None if track is None else track.state,
         flags=flags,
         scale_sources=scale_sources,
+        pose_source=None if frame.world_from_body is None else frame.pose_source,
     )
     if frame.world_from_body is None or not source.lines:
         return replace(base, diagnostics=source.diagnostics + flags or (NOT_LOCALIZED,))
@@ -84,7 +90,14 @@ def guidance(frame: Frame, estimate: RunwayEstimate, track: Track | None, approa
             closing_m_s=track.closing_m_s,
             protection=track.protection,
         )
-    return _add_approach(found, approach)
+    return _in_widths(found) if frame.in_widths else _add_approach(found, approach)
+
+
+def _in_widths(found: Guidance) -> Guidance:
+    """Guidance that was computed in runway widths, with none of them called a metre."""
+    lateral, height = found.lateral_deviation_m, found.height_above_deck_m
+    known = None if lateral is None or height is None else InWidths(lateral, height, found.distance_to_ramp_m)
+    return replace(found, in_widths=known, lateral_deviation_m=None, height_above_deck_m=None, distance_to_ramp_m=None)
 
 
 def _scale_sources(estimate: RunwayEstimate, track: Track | None) -> tuple[Scale, ...]:

@@ -1,6 +1,5 @@
 """Live messages: the records of guidance.jsonl with their age and the track predicted to the present."""
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -10,8 +9,9 @@ from scipy.spatial.transform import RigidTransform
 from deckline.config import Approach
 from deckline.flight import FrameResult
 from deckline.guide import guidance
+from deckline.picture_pose import PictureForecast
 from deckline.report.records import GUIDANCE, Record, frame_record, guidance_record, protection_record
-from deckline.track.forecast import Forecast
+from deckline.track import Forecast
 from deckline.types import (
     DepthMode,
     Diagnostic,
@@ -20,7 +20,6 @@ from deckline.types import (
     PoseSource,
     Reason,
     RunwayEstimate,
-    RunwayLine,
     Status,
     Track,
     Value,
@@ -55,7 +54,7 @@ class Answer:
 
     result: FrameResult
     """Of the frame."""
-    forecast: Forecast | None
+    forecast: Forecast | PictureForecast | None
     """Predicts its track; None: no track."""
     at_s: float
     """Time of capture, monotonic clock, s."""
@@ -105,11 +104,6 @@ def stale_record(
 
 def _live(answer: Answer | None, counts: FrameCounts, now_s: float, offset_s: float, approach: Approach) -> Record:
     moment = None if answer is None else _predict(answer, now_s)
-    touchdown = None
-    if answer is not None and moment is not None:
-        touchdown = touchdown_record(answer, moment, now_s, offset_s, approach)
-    elif answer is not None:
-        touchdown = picture_touchdown(answer, offset_s, approach)
     found = None if answer is None or moment is None else predict_guidance(answer, moment, approach)
     return {
         "captured_s": None if answer is None else round(answer.at_s + offset_s, 6),
@@ -118,55 +112,38 @@ def _live(answer: Answer | None, counts: FrameCounts, now_s: float, offset_s: fl
         **asdict(counts),
         "now": None if found is None else guidance_record(found),
         "now_protection": None if found is None or found.protection is None else protection_record(found.protection),
-        "touchdown": touchdown,
+        "touchdown": None if answer is None or moment is None else touchdown_record(answer, moment, now_s, approach),
     }
 
 
-def touchdown_record(
-    answer: Answer, moment: Prediction, now_s: float, offset_s: float, approach: Approach
-) -> Record | None:
-    """The touchdown point of a moment in world and body, m, its velocity, m/s, azimuth of the landing, and time.
+def touchdown_record(answer: Answer, moment: Prediction, now_s: float, approach: Approach) -> Record | None:
+    """The touchdown point of a moment in world and body, m, its velocity, m/s, and the azimuth of the landing.
 
-    None while no ramp is known; the velocity is None where the track ends before it shows.
+    None while no ramp is known, and without metres. The velocity is None where the track ends before it shows. A pose
+    of the picture has no place in the navigation's world: only the point in the body is given.
     """
+    frame = answer.result.frame
+    if frame.in_widths:
+        return None
     track, world_from_body, _ = moment
-    point, later = _touchdown_point(track.lines, track.ramp_m, approach), _predict(answer, now_s + VELOCITY_STEP_S)
+    point, later = _touchdown_point(track, approach), _predict(answer, now_s + VELOCITY_STEP_S)
     if point is None:
         return None
-    ahead = None if later is None else _touchdown_point(later[0].lines, later[0].ramp_m, approach)
+    ahead = None if later is None else _touchdown_point(later[0], approach)
     velocity = None if ahead is None else (ahead - point) / VELOCITY_STEP_S
     vectors = {"world_m": point, "body_m": world_from_body.inv().apply(point), "velocity_m_s": velocity}
     record: Record = {name: None if v is None else np.round(v, 6).tolist() for name, v in vectors.items()}
-    azimuth_deg = round(float(np.rad2deg(track.lines["centre"].azimuth_rad)), 6)
-    return record | {"azimuth_deg": azimuth_deg, "at_s": round(now_s + offset_s, 6)}
+    record["azimuth_deg"] = round(float(np.rad2deg(track.lines["centre"].azimuth_rad)), 6)
+    return (
+        record if frame.pose_source is PoseSource.NAVIGATION else dict.fromkeys(record) | {"body_m": record["body_m"]}
+    )
 
 
-def picture_touchdown(answer: Answer, offset_s: float, approach: Approach) -> Record | None:
-    """The touchdown point in the body, m, at the time of capture, as the picture alone gives it.
-
-    It has no place in the navigation's world, no velocity and no azimuth. None without metres or without a ramp.
-    """
-    result = answer.result
-    guided, body = result.guidance, result.frame.world_from_body
-    if guided.pose_source is not PoseSource.PICTURE or guided.in_widths is not None or body is None:
+def _touchdown_point(track: Track, approach: Approach) -> NDArray[np.float64] | None:
+    centre = track.lines.get("centre")
+    if centre is None or track.ramp_m is None:
         return None
-    is_tracked = result.track is not None and bool(result.track.lines)
-    source = result.track if is_tracked and result.track is not None else result.estimate
-    point = _touchdown_point(source.lines, source.ramp_m, approach)
-    if point is None:
-        return None
-    at_s = round(answer.at_s + offset_s, 6)
-    body_m = np.round(body.inv().apply(point), 6).tolist()
-    return {"world_m": None, "body_m": body_m, "velocity_m_s": None, "azimuth_deg": None, "at_s": at_s}
-
-
-def _touchdown_point(
-    lines: Mapping[str, RunwayLine], ramp_m: NDArray[np.float64] | None, approach: Approach
-) -> NDArray[np.float64] | None:
-    centre = lines.get("centre")
-    if centre is None or ramp_m is None:
-        return None
-    ahead_m = (ramp_m - centre.point_m) @ centre.direction + approach.touchdown_m
+    ahead_m = (track.ramp_m - centre.point_m) @ centre.direction + approach.touchdown_m
     point: NDArray[np.float64] = centre.point_m + ahead_m * centre.direction
     return point
 
@@ -189,10 +166,7 @@ def predict_guidance(answer: Answer, moment: Prediction, approach: Approach) -> 
 def _predict(answer: Answer, now_s: float) -> Prediction | None:
     """Track and aircraft at a time of the monotonic clock.
 
-    None without a track or a pose, when no line was seen for too long, and for a pose of the picture: the forecast is
-    the navigation's.
+    None without a track or a pose, and when no line was seen for too long.
     """
-    if answer.result.frame.pose_source is PoseSource.PICTURE:
-        return None
     time_s = answer.result.frame.time_s + (now_s - answer.at_s)
     return None if answer.forecast is None else answer.forecast.at(time_s)

@@ -190,8 +190,7 @@ class LiveSession:
             except ValueError as error:
                 self._refuse(BadFrame(frame.file, " ".join(str(error).split())))
                 continue
-            tracker = self._flight.tracker
-            self._answers.put(Answer(result, None if tracker is None else tracker.forecast(), captured.at_s))
+            self._answers.put(Answer(result, self._flight.forecast(), captured.at_s))
 
     def _guide(self) -> None:
         last: Answer | None = None

@@ -5,17 +5,16 @@ the pose. The excess over the horizon's tolerance is summed over the searches an
 Source: Page, "Continuous inspection schemes", 1954.
 """
 
-from concurrent.futures import Future, ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.dehaze.horizon import Horizon, NoHorizon, find_horizon
+from deckline.dehaze.horizon import Horizon, NoHorizon
+from deckline.dehaze.horizon_search import HorizonSearch
 from deckline.dehaze.sea_view import EARTH_RADIUS_M
 from deckline.types import Camera, Detection, Diagnostic, Diagnostics, Frame, Reason, RunwayEstimate
 
-ANSWER_S = 0.3  # after a picture, when its horizon is used; a frame at that time waits for it, so that replays agree
 OFF_DEG = 1.0  # tolerance of attitude and lens
 SIGMAS = 2.0  # of the horizon's own uncertainty, added: haze that thickens with range lowers it by up to 2.7 of them
 SIGMAS_UP = 1.0  # the same for a horizon that is too high, which haze does not cause
@@ -42,44 +41,34 @@ class AttitudeMonitor:
     """
 
     def __init__(self, every_s: float) -> None:
-        self.every_s = every_s
-        self._thread: ThreadPoolExecutor | None = None
+        self._search = HorizonSearch(every_s)
         self.reset()
 
     def reset(self) -> None:
         """Forget all frames, and the search under way."""
+        self._search.reset()
         self._flags: Diagnostics = ()
         self._sum = 0.0
-        self._pending: tuple[Camera, ExpectedHorizon, Future[Horizon | NoHorizon]] | None = None
-        self._last_s = -np.inf  # time of the last picture that was searched
+        self._searched: tuple[Camera, ExpectedHorizon] | None = None
 
     def close(self) -> None:
         """End the thread; the next update starts another."""
         self.reset()
-        if self._thread is not None:
-            self._thread.shutdown(cancel_futures=True)
-            self._thread = None
+        self._search.close()
 
     def update(self, frame: Frame, estimate: RunwayEstimate, detection: Detection | None) -> Diagnostics:
         """Take the result that is due, and start the next search when it is time."""
         if detection is None:
             return self._flags
-        if not self._last_s <= frame.time_s:  # another flight, or not a number
+        if self._search.is_earlier(frame.time_s):
             self.reset()
-        if self._pending is not None and frame.time_s - self._last_s >= ANSWER_S:
-            camera, expected, result = self._pending
-            self._pending = None
-            self._compare(camera, expected, result.result())
-        is_due = self.every_s > 0 and frame.time_s - self._last_s >= self.every_s
-        if is_due and self._pending is None and (expected_now := expect_horizon(frame)) is not None:
-            self._pending = frame.camera, expected_now, self._submit(frame.image_rgb)
-            self._last_s = frame.time_s
+        found = self._search.take(frame.time_s)
+        if found is not None and self._searched is not None:
+            self._compare(*self._searched, found)
+        if self._search.is_due(frame.time_s) and (expected := expect_horizon(frame)) is not None:
+            self._searched = frame.camera, expected
+            self._search.start(frame.time_s, frame.image_rgb)
         return self._flags
-
-    def _submit(self, image_rgb: NDArray[np.uint8]) -> "Future[Horizon | NoHorizon]":
-        if self._thread is None:
-            self._thread = ThreadPoolExecutor(1, "horizon")
-        return self._thread.submit(find_horizon, image_rgb, rough=True)
 
     def _compare(self, camera: Camera, expected: ExpectedHorizon, seen: Horizon | NoHorizon) -> None:
         if isinstance(seen, NoHorizon):

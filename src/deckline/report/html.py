@@ -13,16 +13,10 @@ from deckline.report import figures
 from deckline.report.figures import number, percent
 from deckline.report.records import GUIDANCE, Record, lookup
 from deckline.report.status import STATUS_COLOURS, STATUS_WORDS
-from deckline.types import SIDES, LineVisibility, PoseSource
+from deckline.types import SIDES, LineVisibility
 
 TEMPLATES = Path(__file__).parent / "templates"
-PICTURE = "picture"
-MODES = {
-    "fine": "depth camera",
-    "coarse": "deck plane",
-    PICTURE: "pose of the picture: stated width, or runway widths",
-    "none": "no distance",
-}
+MODES = {"fine": "depth camera", "coarse": "deck plane", "width": "lines' spacing", "none": "no distance"}
 LISTED = 40  # rows of a list at most
 
 ReportPictures = dict[int, tuple[bytes, bytes]]  # index of a record -> JPEG files: hazy, and dehazed with the lines
@@ -89,8 +83,8 @@ def _status_style() -> str:
 def _row(record: Record) -> Record:
     if "skipped" in record:
         return {"file": record["file"], "skipped": True}
-    names = ("file", "time_s", "status", "seen", "reason", "guidance", "protection")
-    row = {key: record.get(key) for key in names} | {"mode": _mode(record)}
+    names = ("file", "time_s", "status", "seen", "mode", "reason", "guidance", "protection")
+    row = {key: record.get(key) for key in names}
     for group, keys in (("truth", ("truth",)), ("errors", ("errors", "guidance"))):
         values = lookup(record, keys)
         row[group] = values and {name: values.get(name) for name in GUIDANCE}
@@ -107,15 +101,10 @@ def _row(record: Record) -> Record:
     return row | {"seconds": sum(record["seconds"].values()) if record.get("seconds") else None}
 
 
-def _mode(record: Record) -> str:
-    """Where the distances of a record come from: a key of `MODES`."""
-    return PICTURE if record.get("pose_source") == PoseSource.PICTURE else str(record["mode"])
-
-
 def _bars(seen: list[Record], counts: Mapping[str, int]) -> list[tuple[str, list[tuple[str, str, int]]]]:
     """Title of each bar and its parts: name, meaning, frames."""
     worth = [(name, "", counts.get(name, 0)) for name in STATUS_WORDS]
-    modes = [(name, words, sum(_mode(record) == name for record in seen)) for name, words in MODES.items()]
+    modes = [(name, words, sum(record["mode"] == name for record in seen)) for name, words in MODES.items()]
     return [("What guidance is worth", worth), ("Where distances came from", modes)]
 
 

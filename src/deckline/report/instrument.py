@@ -41,12 +41,10 @@ TRACK_TAGS = {  # the state `coasting` is a status too
 MODES = {
     DepthMode.FINE: "fine: distances from the depth camera",
     DepthMode.COARSE: "coarse: distances from pose and deck height",
+    DepthMode.WIDTH: "width: distances from the lines' spacing",
     DepthMode.NONE: "no distances",
 }
-PICTURE_MODES = {
-    METRES: "distances from the stated width",
-    WIDTHS: "lengths in runway widths",
-}
+IN_WIDTHS = "lengths in runway widths"
 
 
 def lateral_needle(guidance: Guidance) -> Value | None:
@@ -208,10 +206,9 @@ def _draw_status(image: Image, guidance: Guidance) -> None:
     elif guidance.track in TRACK_TAGS:
         words, colour, ink = TRACK_TAGS[guidance.track]
         left += draw_tag(image, words, (left, top), 18, colour, ink) + 14
-    mode = MODES[guidance.mode]
+    mode = MODES[guidance.mode] if guidance.in_widths is None else IN_WIDTHS
     if guidance.pose_source is PoseSource.PICTURE:
         left += draw_tag(image, "POSE: PICTURE", (left, top), 18, draw.EDGE, draw.INK) + 14
-        mode = PICTURE_MODES[lengths_of(guidance).unit]
     left += draw_text(image, mode, (left, top + 22), 16, draw.INK) + 18
     for row, line in enumerate(wrap(guidance.reason, 14, BAND[0] - 16 - left, 2)):
         draw_text(image, line, (left, top + (21 if row == 0 else 41)), 14, draw.DIM)

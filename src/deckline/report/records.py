@@ -50,7 +50,7 @@ LINE_ERRORS = {  # of each line, and what people call it
     "lateral_error_at_ramp_m": "sideways at the ramp",
     "height_error_m": "height",
 }
-STAGES = ("dehaze", "detect", "localize", "guide", "track")
+STAGES = ("dehaze", "detect", "localize", "guide", "track", "picture")
 NO_COLUMNS: Mapping[str, Iterable[str | int]] = {}
 SKIPPED = "skipped"  # what a frame that cannot be used counts as
 
@@ -61,7 +61,7 @@ FlightView = Callable[[FrameResult | None, Record], None]  # watches a flight; N
 def frame_record(result: FrameResult, approach: Approach) -> Record:
     """What is written about one frame, plain JSON values only; `approach` states what the guidance should be."""
     frame, estimate, detection = result.frame, result.estimate, result.detection
-    has_metres = result.guidance.in_widths is None  # else lines and ramp are in widths, and not written
+    has_metres = not frame.in_widths  # else lines and ramp are in widths, and not written
     lines: Record = {}
     for side in SIDES:
         line = estimate.pixel_lines.get(side)

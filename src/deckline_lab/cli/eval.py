@@ -11,6 +11,7 @@ COMMANDS = {
     "detectors": "deckline_lab.evaluation.detection:detectors",
     "integrity": "deckline_lab.evaluation.integrity_runs:integrity",
     "localization": "deckline_lab.evaluation.localization:localization",
+    "picture": "deckline_lab.evaluation.picture_alone:picture",
     "report": "deckline_lab.evaluation.tables:report",
 }
 EXAMPLES = {
@@ -48,6 +49,10 @@ EXAMPLES = {
     "deckline eval integrity": (
         "deckline eval integrity --jobs 0 --out faults",
         "deckline eval integrity --runs 5 --nominal 20 --sea-state 4",
+    ),
+    "deckline eval picture": (
+        "deckline eval picture flights/first flights/second",
+        "deckline eval picture views --frames single --width unknown",
     ),
     "deckline eval report": (
         "deckline eval report figures",

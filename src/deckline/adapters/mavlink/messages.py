@@ -39,7 +39,7 @@ def touchdown_of(record: Record, firmware: str) -> Record | None:
 
 
 def landing_target(record: Record, firmware: str) -> Any:
-    """LANDING_TARGET at the touchdown point's time, in the clock that answers TIMESYNC; None: nothing to send.
+    """LANDING_TARGET at a record's time of sending, in the clock that answers TIMESYNC; None: nothing to send.
 
     Args:
         record: a live one.
@@ -51,7 +51,7 @@ def landing_target(record: Record, firmware: str) -> Any:
     is_px4, body = firmware == PX4, touchdown["body_m"]
     x, y, z = touchdown["world_m"] if is_px4 else body
     return mavlink.MAVLink_landing_target_message(
-        time_usec=round(1e6 * touchdown["at_s"]),
+        time_usec=round(1e6 * record["live"]["sent_s"]),
         target_num=0,
         frame=mavlink.MAV_FRAME_LOCAL_NED if is_px4 else mavlink.MAV_FRAME_BODY_FRD,
         angle_x=0.0,

@@ -1,0 +1,142 @@
+"""Tests of what is stated against the pictures, and protection levels, for a pose that the picture gives.
+
+The same method as for flights with a navigation unit, `deckline.track.integrity`: an estimate of a shared error that is
+farther from zero than its variance allows is a fault; a level covers the largest fault that no test shows. What no
+picture shows is taken as stated: the width, and the focal length within its 1-sigma.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2, norm
+
+from deckline.config import RunConfig
+from deckline.picture_pose.states import Belief, States, line_rows
+from deckline.types import Diagnostic, Diagnostics, Protection, Reason
+
+Array = NDArray[np.float64]
+OBSERVED_SHARE = 0.1  # of a prior's variance that must be gone before its estimate is tested
+MIN_AGE_S = 1.0  # of a track, before it counts as able to show contradictions
+MAX_FOCAL_SIGMA = 0.02  # share; of a camera whose focal length counts as stated
+MESSAGES = {
+    States.FOCAL: (Reason.FOCAL, 100.0, "the focal length seems {:+.1f} % wrong"),
+    States.CX: (Reason.BORESIGHT, 100.0, "the principal point seems {:+.1f} % of the focal length off, sideways"),
+    States.CY: (Reason.BORESIGHT, 100.0, "the principal point seems {:+.1f} % of the focal length off, in height"),
+    States.HORIZON_UP: (
+        Reason.ATTITUDE,
+        float(np.rad2deg(1.0)),
+        "the horizon lies {:+.1f} degrees above where the lines meet",
+    ),
+    States.HORIZON_TILT: (Reason.ATTITUDE, float(np.rad2deg(1.0)), "the horizon is tilted by {:+.1f} degrees"),
+    States.WIDTH: (Reason.SPACING, 1.0, "the lines' spacing seems {:+.1f} m off what was stated"),
+    States.ANGLE: (Reason.ANGLE, float(np.rad2deg(1.0)), "the angle between the lines seems {:+.1f} degrees off"),
+    States.SLOPE: (Reason.HEIGHT, float(np.rad2deg(1.0)), "the deck seems to slope by {:+.1f} degrees along the lines"),
+    States.CANT: (Reason.HEIGHT, float(np.rad2deg(1.0)), "the deck seems to slope by {:+.1f} degrees across the lines"),
+    States.LEFT: (Reason.LEFT, 1.0, "the left line seems to be another marking, {:+.1f} m beside it"),
+    States.RIGHT: (Reason.RIGHT, 1.0, "the right line seems to be another marking, {:+.1f} m beside it"),
+}
+YOUNG = Diagnostic(Reason.YOUNG_TRACK, "the track is too young to show contradictions")
+UNLIKELY = Diagnostic(Reason.UNLIKELY_ERRORS, "the errors of camera, horizon and paint are unlikely together")
+NO_HORIZON = Diagnostic(Reason.NO_HORIZON, "no horizon confirms the roll that the lines suggest")
+NO_WIDTH = Diagnostic(
+    Reason.NO_WIDTH, "the picture gives lengths in runway widths: state --runway-width-m to have metres"
+)
+ASSUMED_CAMERA = Diagnostic(
+    Reason.ASSUMED_CAMERA, "the camera's focal length is assumed: pass camera.toml beside the recording, or --fov-deg"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class PriorTest:
+    """A shared error's estimate against what was stated of it."""
+
+    index: int  # of the state
+    bias: float  # estimated minus stated
+    sigma: float  # of that, if what was stated is true
+
+
+def prior_tests(belief: Belief, shared_sigma: Array, config: RunConfig) -> Iterator[PriorTest]:
+    """The tests of all shared errors that pictures have observed well enough."""
+    stated = {States.WIDTH: config.deck.width_m, States.ANGLE: config.deck.angle_rad}
+    for index, sigma in zip(range(States.SIZE)[States.SHARED], shared_sigma, strict=True):
+        observed = float(sigma**2 - belief.covariance[index, index])
+        expected = stated.get(index, 0.0)
+        if observed > OBSERVED_SHARE * sigma**2 and expected is not None:
+            yield PriorTest(index, float(belief.mean[index]) - expected, float(np.sqrt(observed)))
+
+
+def bias_flag(belief: Belief, shared_sigma: Array, config: RunConfig) -> Diagnostic | None:
+    """The shared error that is most significantly off what was stated, if any is."""
+    tests = list(prior_tests(belief, shared_sigma, config))
+    worst = max(tests, key=lambda test: abs(test.bias) / test.sigma, default=None)
+    if worst is None or abs(worst.bias) <= config.integrity.alarm_sigma * worst.sigma:
+        return None
+    reason, scale, message = MESSAGES[worst.index]
+    return Diagnostic(reason, message.format(scale * worst.bias))
+
+
+def unverified_reasons(
+    belief: Belief, age_s: float, has_horizon: bool, shared_sigma: Array, config: RunConfig
+) -> Diagnostics:
+    """Why a pose that no test flags is not verified.
+
+    Args:
+        belief: of the present.
+        age_s: of its track.
+        has_horizon: whether a horizon agreed lately.
+        shared_sigma: (11,) as stated.
+        config: limits.
+    """
+    squares = [(test.bias / test.sigma) ** 2 for test in prior_tests(belief, shared_sigma, config)]
+    focal_sigma = float(shared_sigma[States.FOCAL - States.SHARED.start])
+    doubts = (
+        (NO_WIDTH, config.deck.width_m is None),
+        (ASSUMED_CAMERA, focal_sigma > MAX_FOCAL_SIGMA),
+        (NO_HORIZON, not has_horizon),
+        (YOUNG, age_s < MIN_AGE_S),
+        (UNLIKELY, bool(squares) and chi2.sf(sum(squares), len(squares)) < config.integrity.doubt_risk),
+    )
+    return tuple(doubt for doubt, holds in doubts if holds)
+
+
+def protection_levels(
+    belief: Belief, at_m: float, has_ramp: bool, shared_sigma: Array, config: RunConfig
+) -> Protection:
+    """Bounds on the errors for the stated width.
+
+    Faults are those of `Integrity` that a picture can have: focal length, a camera that is turned, another marking.
+
+    Args:
+        belief: of the present.
+        at_m: where the height is given, m along the runway.
+        has_ramp: whether the distance is known.
+        shared_sigma: (11,) as stated.
+        config: limits.
+    """
+    test, size = config.integrity, len(shared_sigma)
+    turned = float(np.deg2rad(test.max_boresight_deg))
+    undetected = np.zeros(States.SIZE)
+    undetected[[States.FOCAL, States.CX, States.CY]] = test.max_focal_fraction, turned, turned
+    undetected[[States.LEFT, States.RIGHT]] = test.max_line_m
+    undetected = undetected[States.SHARED]
+    responses = belief.covariance[:, States.SHARED] / shared_sigma**2  # of every state to a fault
+    for one in prior_tests(belief, shared_sigma, config):
+        own = np.eye(size)[one.index - States.SHARED.start]
+        surely = (test.alarm_sigma + test.missed_sigma) * one.sigma
+        undetected = np.minimum(undetected, surely / np.maximum(np.abs(responses[one.index] - own), 1e-12))
+    quantile = float(norm.isf(test.risk / 2))
+
+    def bound(row: Array, white: float = 0.0) -> float:
+        sigma = float(np.sqrt(row @ belief.covariance @ row + white**2))
+        return quantile * sigma + float(np.max(np.abs(row @ responses) * undetected))
+
+    rows, place = line_rows(belief, at_m), np.eye(States.SIZE)
+    return Protection(
+        lateral_m=bound(place[States.LATERAL]),
+        vertical_m=bound(rows[2]),
+        heading_rad=bound(rows[1], config.sensors.attitude_rad) + turned,  # a turn of the mount turns the nose alone
+        distance_m=bound(place[States.DISTANCE]) if has_ramp else None,
+        risk=test.risk,
+    )
