@@ -58,7 +58,7 @@ class ImageFolder(Recording):
         named = poses.rows if isinstance(poses, Poses) else times_s or ()
         self.files = sorted({*list_images(folder), *named} if files is None else files, key=make_natural_key)
         apart = ", and the images are taken to be 1 s apart" if times_s is None else ""
-        self.notes = (f"{folder}: no poses.csv: no positions{apart}",)
+        self.notes = (f"{folder}: no poses.csv: the pictures alone say where the aircraft is{apart}",)
         if poses is not None:
             self.notes = poses.notes if isinstance(poses, Poses) else poses.notes_on(self.times())
 

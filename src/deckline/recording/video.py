@@ -56,7 +56,7 @@ class Video(Recording):
         self._poses = poses
         self._cursor: Iterator[tuple[int, Any]] = iter(())
         self._next = -1
-        no_poses = (f"{packets.path}: no poses.csv: no positions of the aircraft",)
+        no_poses = (f"{packets.path}: no poses.csv: the pictures alone say where the aircraft is",)
         self.notes = no_poses if poses is None else poses.notes_on(packets.times_s)
         if poses is not None and packets.by_count:
             self.notes += (
