@@ -12,7 +12,9 @@ from deckline.types import (
     DepthMode,
     Frame,
     Guidance,
+    InWidths,
     LineVisibility,
+    PoseSource,
     RunwayEstimate,
     RunwayLine,
     Segment,
@@ -28,6 +30,7 @@ METRES = (
     "vertical_deviation_m",
     "distance_to_touchdown_m",
 )
+WIDTHS = ("lateral_deviation", "height_above_deck", "distance_to_ramp")  # of `InWidths`
 ANGLES = ("heading_error", "lateral_deviation", "vertical_deviation")
 
 Array = NDArray[np.float64]
@@ -52,6 +55,24 @@ def true_segments(truth: Truth | None) -> dict[str, Segment]:
     if truth is None or truth.left is None or truth.right is None or centre is None:
         return {}
     return {"left": truth.left, "right": truth.right, "centre": centre}
+
+
+def true_width_m(truth: Truth | None) -> float | None:
+    """Distance between the true edge lines at the ramp, across the runway, m; None where there is no runway."""
+    if truth is None or truth.left is None or truth.right is None:
+        return None
+    return float(abs((truth.right.p0_m - truth.left.p0_m) @ _right(true_line(truth.left))))
+
+
+def lengths_in_widths(guidance: Guidance | None, width_m: float | None) -> InWidths | None:
+    """Lateral deviation, height and distance of a guidance in metres, in widths of the runway; None without these."""
+    if guidance is None or width_m is None:
+        return None
+    lateral, height, distance = (getattr(guidance, f"{name}_m") for name in WIDTHS)
+    if lateral is None or height is None:
+        return None
+    scaled = (value and Value(value.value / width_m, value.sigma / width_m) for value in (lateral, height, distance))
+    return InWidths(*scaled)
 
 
 def touchdown(centre: Segment, touchdown_m: float) -> Array:
@@ -117,7 +138,10 @@ def true_guidance(frame: Frame, approach: Approach) -> Guidance | None:
         return None
     line = replace(true_line(centre), point_m=touchdown(centre, approach.touchdown_m))
     exact = RunwayEstimate(LineVisibility.BOTH, DepthMode.NONE, {}, {"centre": line}, centre.p0_m, 0.0)
-    return guidance(replace(frame, world_from_body=frame.true_world_from_body), exact, None, approach)
+    placed = replace(
+        frame, world_from_body=frame.true_world_from_body, pose_source=PoseSource.NAVIGATION, in_widths=False
+    )
+    return guidance(placed, exact, None, approach)
 
 
 def errors_against(
@@ -125,15 +149,14 @@ def errors_against(
 ) -> dict[str, dict[str, float | None]] | None:
     """How far a frame's estimate is from its truth; None where the scene has no runway.
 
-    The line errors are those of `compare_line`, of each of the lines. "guidance" is measured minus true, with sign,
-    under the names that records use.
+    The line errors are those of `compare_line`, of each of the lines; a picture's pose has none, because its lines lie
+    in the runway's own frame. "guidance" is measured minus true, with sign, under the names that records use.
     """
     segments = true_segments(truth)
     if not segments:
         return None
-    found = {
-        side: compare_line(estimate.lines[side], line) for side, line in segments.items() if side in estimate.lines
-    }
+    placed = {} if measured.pose_source is PoseSource.PICTURE else estimate.lines
+    found = {side: compare_line(placed[side], line) for side, line in segments.items() if side in placed}
     names = ("direction_error_deg", "lateral_error_m", "height_error_m")
     errors: dict[str, dict[str, float | None]] = {
         name.replace("lateral_error_m", "lateral_error_at_ramp_m"): {
@@ -141,15 +164,18 @@ def errors_against(
         }
         for name in names
     }
-    return errors | {"guidance": _guidance_errors(measured, exact)}
+    return errors | {"guidance": _guidance_errors(measured, exact, true_width_m(truth))}
 
 
 def _right(line: RunwayLine) -> Array:
     return np.array([-line.direction[1], line.direction[0], 0.0])
 
 
-def _guidance_errors(measured: Guidance, truth: Guidance | None) -> dict[str, float | None]:
+def _guidance_errors(measured: Guidance, truth: Guidance | None, width_m: float | None) -> dict[str, float | None]:
     errors: dict[str, float | None] = {}
+    widths, true_widths = measured.in_widths, lengths_in_widths(truth, width_m)
+    for name in WIDTHS:
+        errors[f"{name}_widths"] = _difference(getattr(widths, name, None), getattr(true_widths, name, None))
     for name in METRES:
         errors[name] = _difference(getattr(measured, name), None if truth is None else getattr(truth, name))
     for name in ANGLES:

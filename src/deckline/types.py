@@ -307,8 +307,13 @@ class Frame:
 
     @property
     def true_world_from_body(self) -> RigidTransform | None:
-        """The aircraft's true pose where truth knows it, else the frame's."""
+        """The aircraft's true pose in truth's world where truth knows it, else the frame's.
+
+        A pose of the picture is none: its world is the runway's own frame.
+        """
         known = None if self.truth is None else self.truth.world_from_body
+        if known is None and self.pose_source is PoseSource.PICTURE:
+            return None
         return self.world_from_body if known is None else known
 
     @property

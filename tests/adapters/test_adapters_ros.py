@@ -16,6 +16,7 @@ from websockets.sync.client import connect
 from approach_scene import CAMERA, HEIGHT_M, LATERAL_M, STILL, Approach, chain, frame
 from deckline.adapters.foxglove.publisher import FlightPublisher, Publisher
 from deckline.adapters.ros.encode import Encoder
+from deckline.adapters.ros.messages import deck_from_body
 from deckline.cli.main import main
 from deckline.cli.run import unpack_sample
 from deckline.live.datagrams import parse_udp
@@ -23,6 +24,7 @@ from deckline.live.recorder import FrameFolder
 from deckline.recording import open_recording
 from deckline.report.records import frame_record
 from deckline.report.run import run
+from picture_scene import picture_result
 
 COUNT = 4
 POSE, LINES, SEEN = "/deckline/pose", "/deckline/lines", "/deckline/annotations"
@@ -115,6 +117,43 @@ def test_transforms_agree_with_the_pose_and_with_the_world(tmp_path, written):
     ((_, seen),) = found[SEEN]
     ends = result.estimate.pixel_lines["left"].ends_px
     np.testing.assert_allclose([[point.x, point.y] for point in seen.points[:2]], ends)
+
+
+def test_a_pose_of_the_picture_has_the_deck_in_the_body_and_no_map(written):
+    result, flown = picture_result(in_widths=False), chain(frame())
+    found = written((result, frame_record(result, STILL.approach)))
+    moves = transforms(found)
+    assert {child: parent for child, (parent, _) in moves.items()} == {
+        "camera_optical_frame": "base_link",
+        "deck": "base_link",
+    }
+    ((_, pose),) = found[POSE]
+    np.testing.assert_allclose((moves["deck"][1].inv()).as_matrix(), transform(pose.pose.pose).as_matrix(), atol=1e-9)
+    by_navigation = deck_from_body(flown, STILL.approach.point_m)
+    np.testing.assert_allclose(
+        deck_from_body(result, STILL.approach.point_m).as_matrix(), by_navigation.as_matrix(), atol=1e-3
+    )
+    ((_, markers),) = found[LINES]
+    left = next(marker for marker in markers.markers if marker.id == 0 and marker.points)
+    assert left.header.frame_id == "deck"
+    assert [left.points[0].x, left.points[0].y, left.points[0].z] == pytest.approx([0.0, 8.0, 0.0], abs=0.05)
+    values = {pair.key: pair.value for pair in found["/diagnostics"][0][1].status[0].values}
+    assert values["pose_source"] == "picture"
+
+
+def test_runway_widths_make_no_pose_and_no_lines(written):
+    result = picture_result()
+    found = written((result, frame_record(result, STILL.approach)))
+    assert POSE not in found and transforms(found).keys() == {"camera_optical_frame"}
+    assert [[marker.action for marker in m.markers] for _, m in found[LINES]] == [[3]]
+    values = {pair.key: pair.value for pair in found["/diagnostics"][0][1].status[0].values}
+    assert float(values["lateral_deviation_widths"]) == pytest.approx(3.0 / 16.0, abs=1e-3)
+
+
+def test_a_camera_whose_focal_length_is_assumed_is_no_calibration(written):
+    at = frame()
+    result = chain(replace(at, camera=replace(at.camera, focal_sigma=0.05)))
+    assert "/deckline/camera_info" not in written((result, frame_record(result, STILL.approach)))
 
 
 def test_what_is_no_guidance_does_not_resemble_it(written):

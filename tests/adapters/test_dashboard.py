@@ -28,6 +28,7 @@ from deckline.live.source import Captured, LiveSource
 from deckline.report.advice import CHECK, advise
 from deckline.report.records import frame_record
 from deckline.types import Detection, Status
+from picture_scene import picture_result
 
 CHROMIUM = shutil.which("chromium")
 STEP_S = 0.1
@@ -170,6 +171,23 @@ def test_a_stalled_source_is_old_and_grows_older(flying, page):
     wait(page, ".board:not(.old)")
 
 
+def test_runway_widths_leave_no_tile_empty_and_the_pose_is_tagged(flying, page):
+    result = picture_result()
+    flying.source.stalled.set()
+    try:
+        holds(page, "document.querySelector('#status').textContent.trim() === 'STALE'")
+        flying.board.view(result, frame_record(result, Approach()))
+        wait(page, "#pose")
+        tiles = [tile.text_content() for tile in page.query_selector_all(".tile")]
+        assert [tile.split("–")[0][:7] for tile in tiles] == ["LATERAL", "HEIGHT,", "HEADING", "TO RAMP"]
+        assert "0.19" in tiles[0] and "0.94" in tiles[1] and not any("not known" in tile for tile in tiles)
+        assert text(page, ".face .unit") == "dot 0.25 widths"
+        assert float(page.get_attribute("#lateral", "data-dots")) == pytest.approx(-3.0 / 16.0 / 0.25, abs=0.02)
+    finally:
+        flying.source.stalled.clear()
+    wait(page, ".board:not(.old)")
+
+
 def test_it_pauses_and_looks_back_while_guidance_goes_on(flying, page):
     wait(page, "#whole image[href^=blob]")
     page.keyboard.press(" ")
@@ -288,6 +306,18 @@ def test_a_snapshot_has_the_values_of_its_record():
     stale = json.loads(make_snapshot(8, None, STALE | {"live": {"captured_s": 1.0, "sent_s": 2.0}}, 7).shown)
     assert (stale["picture"], stale["time_s"], stale["lines"]) == (7, 2.0, None)
     assert "go around" in stale["advice"][0]["do"]
+
+
+@pytest.mark.parametrize(("in_widths", "row"), [(True, [3.0 / 16.0, None, 15.0 / 16.0, None]), (False, None)])
+def test_a_snapshot_of_a_pose_of_the_picture_has_its_unit(in_widths, row):
+    result = picture_result(in_widths)
+    kept = make_snapshot(0, result, frame_record(result, Approach()), None)
+    shown = json.loads(kept.shown)
+    unit = "widths" if in_widths else "m"
+    assert (shown["unit"], shown["pose_source"], kept.row[-1]) == (unit, "picture", unit)
+    assert "centre" in shown["lines"]
+    flown = make_snapshot(0, chain(frame()), frame_record(chain(frame()), Approach()), None)
+    assert kept.row[2:6] == pytest.approx(row or flown.row[2:6], abs=1e-2)
 
 
 def test_dehazing_leaves_the_size_and_a_refusal_has_its_reason():

@@ -7,7 +7,9 @@ from approach_scene import frame
 from deckline.config import Models
 from deckline.dehaze import DEHAZERS, DehazeResult, dehaze_for_display, dehaze_frame
 from deckline.dehaze.base import IdentityDehazer
+from deckline.geometry import Camera
 from deckline.types import Value
+from picture_scene import picture_result
 
 
 class ByHorizon(IdentityDehazer):
@@ -50,3 +52,19 @@ def test_strength_and_a_missing_pose_leave_the_picture():
     blind = dehaze_frame(replace(at, world_from_body=None), geometry)
     np.testing.assert_array_equal(blind.image_rgb, at.image_rgb)
     assert blind.note
+
+
+@pytest.mark.parametrize("is_assumed", [True, False])
+def test_a_pose_of_the_picture_and_an_assumed_camera_dehaze_as_the_frame_that_came(is_assumed):
+    given = []
+
+    class Watching(IdentityDehazer):
+        def restore(self, frame):
+            given.append(frame)
+            return DehazeResult(frame.image_rgb.copy())
+
+    at = picture_result().frame
+    camera = Camera.assumed(at.camera.width, at.camera.height) if is_assumed else at.camera
+    dehaze_frame(replace(at, camera=camera, deck_z_m=0.0), Watching())
+    (found,) = given
+    assert (found.world_from_body, found.deck_z_m, found.camera.known) == (None, None, not is_assumed)

@@ -13,6 +13,7 @@ from autopilot import FIRMWARES, Autopilot
 from loopback import CONFIG, MOUNTED, SHOWN, Sender, detect, free_port, wait_until
 from pymavlink.dialects.v20 import common as mavlink
 
+from approach_scene import frame
 from deckline.adapters.mavlink.link import Link, parse_datagram
 from deckline.adapters.mavlink.messages import describe, landing_target, ship_beacon, status_text
 from deckline.adapters.mavlink.timesync import TOLERANCE_NS, ClockOffset
@@ -25,6 +26,7 @@ from deckline.live.opening import open_camera
 from deckline.live.pipeline import LiveSession, Outputs
 from deckline.recording import RecordingError
 from deckline.recording.geodesy import ecef_from_geodetic, ecef_from_ned, geodetic_from_ned
+from picture_scene import picture_result
 
 WIDE = replace(CONFIG, deck=replace(CONFIG.deck, width_m=16.0))  # a stated width: guidance becomes `ok`
 PROGRESS, WALL = FrameCounts(), WallClock()
@@ -103,11 +105,11 @@ def test_only_ok_has_a_target_and_every_text_fits():
     for status in ("unverified", "one line", "coasting", "stale", "not seen"):
         other = record | {"status": status, "flags": [{"name": "other lines", "reason": ""}] * 9}
         assert landing_target(other, "px4") is None and ship_beacon(other, (0.0, 0.0, 0.0)) is None
-        text = status_text(other, 12.34)
+        text = status_text(other, 12.34, "px4")
         assert len(text.text) == 50 and text.text.endswith(" 12.3 s")
         assert text.severity == mavlink.MAV_SEVERITY_WARNING
-    assert describe(record | {"live": record["live"] | {"touchdown": None}}) == "ok: no touchdown point"
-    assert status_text(record, 0.1).severity == mavlink.MAV_SEVERITY_INFO
+    assert describe(record | {"live": record["live"] | {"touchdown": None}}, "px4") == "ok: no touchdown point"
+    assert status_text(record, 0.1, "px4").severity == mavlink.MAV_SEVERITY_INFO
 
 
 @pytest.mark.parametrize("lost", [0.0, 0.3])
@@ -215,3 +217,54 @@ def test_a_missing_extra_is_named(monkeypatch, capsys):
     args = ["--mavlink", "udp:127.0.0.1:1", "--autopilot", "px4", "--dehazer", "none", "--detector", "ufld"]
     assert main(["live", "udp://127.0.0.1:5600", *args]) != 0
     assert "deckline[mavlink]" in capsys.readouterr().err
+
+
+class Hovering:
+    """Predicts that nothing moves."""
+
+    def __init__(self, result):
+        self._result = result
+
+    def at(self, time_s):
+        return replace(self._result.track, time_s=time_s), self._result.frame.world_from_body, 0.0
+
+
+def picture_record(**scene):
+    """The message about a frame whose pose is the picture's, taken 0.1 s before; in widths nothing is predicted."""
+    now_s, result = time.monotonic(), picture_result(**scene)
+    answer = Answer(result, None if result.frame.in_widths else Hovering(result), now_s - 0.1)
+    return answer_record(answer, PROGRESS, now_s, WALL.at(0.0), 0.2, WIDE.approach)
+
+
+def test_a_pose_of_the_picture_gives_a_target_in_the_body_alone():
+    record = picture_record(in_widths=False, is_ok=True)
+    assert record["live"]["now"]["lateral_deviation_m"]["value"] == pytest.approx(3.0, abs=0.01)
+    touchdown = record["live"]["touchdown"]
+    assert {name for name, value in touchdown.items() if value is not None} == {"body_m"}
+    assert landing_target(record, "px4") is None and ship_beacon(record, (46.0, 7.0, 100.0)) is None
+    target = landing_target(record, "ardupilot")
+    assert (target.frame, target.position_valid) == (mavlink.MAV_FRAME_BODY_FRD, 1)
+    wanted = frame().world_from_body.inv().apply(TARGET_M)
+    np.testing.assert_allclose([target.x, target.y, target.z], wanted, atol=3.0)  # as far as the ramp is seen
+    assert target.distance == pytest.approx(np.linalg.norm([target.x, target.y, target.z]))
+    assert 1e-6 * target.time_usec == pytest.approx(record["live"]["sent_s"])
+    assert describe(record, "ardupilot") == "ok" and describe(record, "px4") == "ok: pose of the picture, no target"
+    assert status_text(record, 12.3, "px4").text == "deckline ok: pose of the picture, no target 12.3 s"
+
+
+@pytest.mark.parametrize("scene", [{"in_widths": True}, {"in_widths": True, "is_ok": True}, {"in_widths": False}])
+def test_without_metres_or_without_ok_a_pose_of_the_picture_has_no_target(scene):
+    record = picture_record(**scene)
+    assert landing_target(record, "px4") is None and landing_target(record, "ardupilot") is None
+    assert record["live"]["touchdown"] is None or record["status"] == "unverified"
+
+
+@pytest.mark.parametrize("firmware", FIRMWARES)
+def test_only_a_firmware_that_takes_the_body_frame_receives_the_pictures_target(firmware):
+    with linked(firmware) as (link, autopilot, lines):
+        wait_until(lambda: lines and autopilot.answers > 2)
+        send_for(link, lambda: picture_record(in_widths=False, is_ok=True))
+        wait_until(lambda: len(autopilot.receiver.targets) == link.sent and autopilot.texts)
+        assert (link.sent > 0) == (firmware == "ardupilot") and not autopilot.receiver.errors
+        text = "deckline ok" if firmware == "ardupilot" else "deckline ok: pose of the picture, no target"
+        assert autopilot.texts[0] == text

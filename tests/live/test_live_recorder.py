@@ -16,6 +16,7 @@ from deckline.live.recorder import FrameFolder, round_pose
 from deckline.live.source import Playback
 from deckline.recording import open_recording
 from deckline.recording.camera_file import make_plain_frame
+from picture_scene import picture_result
 
 
 def test_frames_with_and_without_pose_and_depth_come_back(tmp_path):
@@ -54,6 +55,14 @@ def test_frames_without_a_camera_come_back_without(tmp_path):
     folder.close()
     (read,) = open_recording(tmp_path / "kept")
     assert not read.camera.known and read.time_s == 0.25
+
+
+def test_a_pose_of_the_picture_is_not_kept_as_one_of_the_navigation(tmp_path):
+    folder = FrameFolder(tmp_path / "kept")
+    folder.add(picture_result(in_widths=False).frame)
+    folder.close()
+    (read,) = open_recording(tmp_path / "kept")
+    assert read.world_from_body is None and read.camera.known
 
 
 def test_frames_of_a_video_have_a_file_each(tmp_path):

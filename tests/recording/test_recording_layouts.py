@@ -216,4 +216,4 @@ def test_images_without_a_camera_file_may_have_any_size_and_have_no_pose(tmp_pat
     assert [(frame.camera.width, frame.camera.height, frame.time_s) for frame in frames] == [(3, 2, 7.0), (3, 1, 8.0)]
     assert {frame.missing for frame in frames} == {NO_CAMERA}
     assert all((frame.world_from_body, frame.deck_z_m) == (None, None) for frame in frames)
-    assert re.search(r"camera assumed: 65 degrees across.* write .*camera\.toml: width", *source.notes)
+    assert re.search(r"camera assumed: 65 degrees across.* write .*camera\.toml: width", source.notes[-1])

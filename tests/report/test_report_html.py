@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from approach_scene import STILL
 from deckline.recording import BadFrame
 from deckline.report.figures import (
     band_rows,
@@ -22,9 +23,10 @@ from deckline.report.figures import (
     percent,
 )
 from deckline.report.html import report_html
-from deckline.report.records import GUIDANCE, skipped_record
+from deckline.report.records import GUIDANCE, frame_record, skipped_record
 from deckline.report.status import STATUS_COLOURS
 from deckline.types import Status
+from picture_scene import picture_result
 
 CHROMIUM = shutil.which("chromium")
 INFO = {"source": "flights/first", "command": "deckline run flights/first --out out", "date": "2024-06-24"}
@@ -253,3 +255,32 @@ def test_a_browser_draws_it(tmp_path, pose, plots):
     assert "· 1700000003.076923 s ·" in drawn and ">1700000" not in drawn  # the axis begins at the first frame
     assert ("2.5 m right of the centre line" in drawn) == pose
     assert ("No deviation (no pose)" in drawn) == (not pose)
+
+
+def picture_records(in_widths=True, count=10, **changes):
+    results = (picture_result(in_widths, range_m=150.0 - 6.0 * k, index=k) for k in range(count))
+    return [frame_record(result, STILL.approach) | changes for result in results]
+
+
+def test_lengths_in_widths_have_their_tables_and_cards_and_their_own_mode():
+    html = report(picture_records())
+    assert "Lateral deviation, runway widths" in html and "Height above deck, runway widths" in html
+    assert cards(html)["Lateral error, median"][0].endswith(" widths")
+    assert "could be placed relative to the deck" not in html
+    assert {row["mode"] for row in embedded(html)["rows"]} == {"width"}
+    assert band_rows(picture_records())[0][3].endswith(" widths")
+    blind = report(picture_records(truth=None, errors=None))
+    assert cards(blind)["Lateral deviation, 1 sigma"][0].endswith(" widths")
+    metres = report(picture_records(in_widths=False))
+    assert "runway widths</th>" not in metres and cards(metres)["Lateral error, median"][0].endswith(" m")
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
+def test_a_browser_plots_widths_where_metres_are_not_known(tmp_path):
+    page = tmp_path / "report.html"
+    page.write_text(report(picture_records(truth=None, errors=None), {5: (JPEG, JPEG)}), encoding="utf-8")
+    options = ["--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'profile'}", "--dump-dom"]
+    done = subprocess.run([CHROMIUM, *options, page.as_uri()], capture_output=True, text=True, timeout=60, check=True)
+    drawn = done.stdout.split("<script")[0]
+    assert "Height above deck, runway widths" in drawn and "0.19 runway widths right of the centre line" in drawn
+    assert "NaN" not in drawn and "undefined" not in drawn

@@ -11,6 +11,7 @@ from deckline.config import Approach
 from deckline.dehaze import DehazeResult
 from deckline.guide import guidance
 from deckline.report import draw, instrument, overlay
+from deckline.report.annotators import project_centre_line
 from deckline.report.status import STATUS_COLOURS
 from deckline.types import (
     DepthMode,
@@ -23,7 +24,9 @@ from deckline.types import (
     RunwayLine,
     Status,
     TrackState,
+    Value,
 )
+from picture_scene import picture_result
 
 
 def guide(lateral_m=0.0, height_m=20.0, distance_m=250.0, **changes) -> Guidance:
@@ -134,3 +137,32 @@ def test_a_frame_that_is_not_dehazed_is_shown_as_it_is_with_the_reason():
 def test_text_is_cut_to_its_room(words, width):
     assert draw.measure_text(draw.shorten(words, 14, width), 14) <= width
     assert all(draw.measure_text(row, 14) <= width for row in draw.wrap(words, 14, width, 2))
+
+
+@pytest.mark.parametrize("in_widths", [True, False])
+def test_a_pose_of_the_picture_leaves_no_tile_empty_and_is_tagged(in_widths, monkeypatch):
+    result, words = picture_result(in_widths), []
+    monkeypatch.setattr(instrument, "draw_text", lambda image, text, *rest: words.append(text) or 10)
+    monkeypatch.setattr(instrument, "draw_tag", lambda image, text, *rest: words.append(text) or 10)
+    instrument.draw_instrument(result.guidance)
+    assert "not known" not in words and "POSE: PICTURE" in words
+    assert sum(word == " m" for word in words) == (0 if in_widths else 3)
+    assert sum(word.endswith(", WIDTHS") for word in words) == (3 if in_widths else 0)
+    assert ("+0.19" if in_widths else "+3.0") in words
+    dot = "0.25 widths" if in_widths else "5 m"
+    assert f"dot {dot}" in words and any(f"Dot: {dot}," in word for word in words)
+    assert ("LOC" in words, "GS" in words) == (False, in_widths)  # no aim point in widths: its place is in metres
+
+
+def test_two_dots_in_widths_are_half_a_width():
+    guided = picture_result().guidance
+    edge = replace(guided, in_widths=replace(guided.in_widths, lateral_deviation=Value(0.5, 0.01)))
+    assert instrument.lateral_needle(edge).value == -2.0
+    assert instrument.lateral_limits_dots(edge) is None
+
+
+@pytest.mark.parametrize("in_widths", [True, False])
+def test_the_centre_line_is_drawn_where_a_pose_from_navigation_has_it(in_widths):
+    picture, flown = picture_result(in_widths), chain(frame())
+    ends = [project_centre_line(one.frame, one.estimate) for one in (picture, flown)]
+    np.testing.assert_allclose(ends[0], ends[1], atol=1e-6)

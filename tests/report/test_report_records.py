@@ -25,6 +25,7 @@ from deckline.report.records import (
     write_csv,
 )
 from deckline.types import Diagnostic, EdgeKind, Reason, Value
+from picture_scene import LENGTHS, WIDTH_M, picture_result
 
 
 def frame_record(result):
@@ -155,7 +156,8 @@ def test_every_column_is_found_in_a_whole_record():
     result = tracked()[-1]
     dehazed = DehazeResult(result.frame.image_rgb, visibility_m=Value(900.0, 80.0))
     record = frame_record(replace(result, dehazed=dehazed, seconds={**result.seconds, "dehaze": 0.1}))
-    empty = [name for name, keys in COLUMNS.items() if lookup(record, keys) is None]
+    records = record, frame_record(picture_result())
+    empty = [name for name, keys in COLUMNS.items() if all(lookup(one, keys) is None for one in records)]
     assert sorted(empty) == ["edge", "skipped"]  # these detections do not state what the edge is
 
 
@@ -201,3 +203,40 @@ def test_a_way_that_ends_early_leads_to_nothing():
     assert report_records.lookup(record, ("flags", 0, "name")) == "x"
     for way in (("flags", 1), ("flags", "name"), ("status", "name"), ("none", 0)):
         assert report_records.lookup(record, way) is None
+
+
+def test_a_pose_of_the_picture_gives_widths_and_their_errors_and_no_metres():
+    record = frame_record(picture_result())
+    assert record["pose_source"] == "picture"
+    values = record["guidance"]
+    assert values["lateral_deviation_widths"]["value"] == pytest.approx(LATERAL_M / WIDTH_M, abs=1e-3)
+    assert values["height_above_deck_widths"]["value"] == pytest.approx(HEIGHT_M / WIDTH_M, abs=1e-3)
+    assert values["height_above_deck_widths"]["sigma"] > 0
+    assert all(values[f"{name}_m"] is None for name in LENGTHS)
+    assert record["truth"]["distance_to_ramp_widths"] == pytest.approx(120.0 / WIDTH_M)
+    assert record["truth"]["range_to_ramp_m"] == pytest.approx(math.hypot(120.0, LATERAL_M))
+    errors = record["errors"]
+    measured = values["distance_to_ramp_widths"]["value"]
+    assert errors["guidance"]["distance_to_ramp_widths"] == pytest.approx(measured - 120.0 / WIDTH_M)
+    assert errors["guidance"]["lateral_deviation_m"] is None
+    assert errors["guidance"]["heading_error_deg"] == pytest.approx(0.0, abs=1e-3)
+    assert set(errors["lateral_error_at_ramp_m"].values()) == {None}  # its lines lie in the runway's own frame
+    assert (record["lines"]["left"]["world"], record["lines"]["centre"]["world"], record["ramp"]) == (None, None, None)
+    assert set(record["track"]["lines"].values()) == {None}
+
+
+def test_a_pose_of_the_picture_with_a_stated_width_has_metres_and_errors_of_its_values_alone():
+    record = frame_record(picture_result(in_widths=False))
+    assert record["errors"]["guidance"]["lateral_deviation_m"] == pytest.approx(0.0, abs=1e-3)
+    assert record["guidance"]["lateral_deviation_widths"] is None
+    assert set(record["errors"]["direction_error_deg"].values()) == {None}
+    assert record["lines"]["left"]["world"]["point_m"][1] == pytest.approx(-8.0, abs=1e-2)
+
+
+def test_a_pose_of_the_picture_is_never_the_true_pose():
+    result = picture_result(in_widths=False)
+    blind = replace(result, frame=replace(result.frame, truth=replace(result.frame.truth, world_from_body=None)))
+    record = frame_record(blind)
+    assert blind.frame.true_world_from_camera is None
+    assert record["truth"]["range_to_ramp_m"] is None and record["truth"]["lateral_deviation_m"] is None
+    assert set(record["errors"]["guidance"].values()) == {None}

@@ -19,6 +19,7 @@ from deckline.report.records import read_records
 from deckline.report.run import run
 from deckline.report.run_folder import UNFINISHED
 from deckline.types import Reason
+from picture_scene import picture_result
 
 CONFIG = replace(STILL, models=Models(dehazer="none", detector="ufld"))
 OUTPUTS = ["dehazing.jsonl", "guidance.csv", "guidance.jsonl", "overlay.mp4", "report.html", "run.toml"]
@@ -263,3 +264,18 @@ def test_a_run_works_outside_the_main_thread(out):
     thread.start()
     thread.join()
     assert codes == [0]
+
+
+@pytest.mark.parametrize("in_widths", [True, False])
+def test_the_terminal_does_not_miss_distances_that_the_picture_gives(out, capsys, in_widths):
+    results = iter([picture_result(in_widths, index=index) for index in range(4)])
+
+    class OfThePicture(ExactChain):
+        def __call__(self, at, sides=()):
+            return next(results)
+
+    out.run(4, OfThePicture())
+    errors = capsys.readouterr().err
+    assert "no distances" not in errors
+    reason = Reason.NO_WIDTH if in_widths else Reason.YOUNG_TRACK
+    assert f"most often {reason}: {REMEDIES[reason]}" in errors

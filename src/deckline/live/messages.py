@@ -12,7 +12,18 @@ from deckline.guide import guidance
 from deckline.picture_pose import PictureForecast
 from deckline.report.records import GUIDANCE, Record, frame_record, guidance_record, protection_record
 from deckline.track import Forecast
-from deckline.types import DepthMode, Diagnostic, Guidance, LineVisibility, Reason, RunwayEstimate, Status, Track, Value
+from deckline.types import (
+    DepthMode,
+    Diagnostic,
+    Guidance,
+    LineVisibility,
+    PoseSource,
+    Reason,
+    RunwayEstimate,
+    Status,
+    Track,
+    Value,
+)
 
 NO_FRAME = "without a frame"  # what is counted of messages that carry none
 LIVE_COLUMNS = {
@@ -79,6 +90,7 @@ def stale_record(
         "time_s": None,
         "status": str(Status.STALE),
         "seen": str(LineVisibility.NONE),
+        "pose_source": None,
         "scale_sources": [],
         "mode": str(DepthMode.NONE),
         "reason": reason,
@@ -107,8 +119,12 @@ def _live(answer: Answer | None, counts: FrameCounts, now_s: float, offset_s: fl
 def touchdown_record(answer: Answer, moment: Prediction, now_s: float, approach: Approach) -> Record | None:
     """The touchdown point of a moment in world and body, m, its velocity, m/s, and the azimuth of the landing.
 
-    None while no ramp is known; the velocity is None where the track ends before it shows.
+    None while no ramp is known, and without metres. The velocity is None where the track ends before it shows. A pose
+    of the picture has no place in the navigation's world: only the point in the body is given.
     """
+    frame = answer.result.frame
+    if frame.in_widths:
+        return None
     track, world_from_body, _ = moment
     point, later = _touchdown_point(track, approach), _predict(answer, now_s + VELOCITY_STEP_S)
     if point is None:
@@ -117,7 +133,10 @@ def touchdown_record(answer: Answer, moment: Prediction, now_s: float, approach:
     velocity = None if ahead is None else (ahead - point) / VELOCITY_STEP_S
     vectors = {"world_m": point, "body_m": world_from_body.inv().apply(point), "velocity_m_s": velocity}
     record: Record = {name: None if v is None else np.round(v, 6).tolist() for name, v in vectors.items()}
-    return record | {"azimuth_deg": round(float(np.rad2deg(track.lines["centre"].azimuth_rad)), 6)}
+    record["azimuth_deg"] = round(float(np.rad2deg(track.lines["centre"].azimuth_rad)), 6)
+    return (
+        record if frame.pose_source is PoseSource.NAVIGATION else dict.fromkeys(record) | {"body_m": record["body_m"]}
+    )
 
 
 def _touchdown_point(track: Track, approach: Approach) -> NDArray[np.float64] | None:

@@ -13,7 +13,7 @@ from deckline.recording.camera_file import CAMERA_FILE, HEIGHTS, format_camera
 from deckline.recording.image_folder import DEPTH_FOLDER
 from deckline.recording.images import FAR_DEPTH_M, encode_image, write_pfm
 from deckline.recording.poses import COLUMNS, POSES_FILE
-from deckline.types import Frame
+from deckline.types import Frame, PoseSource
 
 POSITION_DIGITS, QUATERNION_DIGITS = 6, 12  # decimals of what is written: 1 um, 1e-12 rad
 NO_NAME = r"[^\w.#-]"  # characters that names of files do without
@@ -82,7 +82,7 @@ def _pose_numbers(world_from_body: RigidTransform) -> list[float]:
 
 
 def _pose_cells(frame: Frame) -> list[str]:
-    """Position and quaternion; empty cells without a pose."""
-    if frame.world_from_body is None:
+    """Position and quaternion; empty cells without a pose, and for one that the picture gives again."""
+    if frame.world_from_body is None or frame.pose_source is PoseSource.PICTURE:
         return [""] * len(COLUMNS[2:])
     return [repr(number) for number in _pose_numbers(frame.world_from_body)]

@@ -126,7 +126,7 @@ def _open_images(
         source: ImageFolder | Video = Video(packets, mounted, track)
     else:
         source = _open_folder(path, mounted, poses_file, options, navigation)
-    source.notes = notes if mounted is None else (*source.notes, *notes)
+    source.notes += notes
     return source
 
 

@@ -35,6 +35,10 @@ OTHERWISE = "do not follow the numbers until the cause is found"
 REMEDIES = {
     Reason.NO_SCALE: "state --runway-width-m, or use a depth camera",
     Reason.YOUNG_TRACK: "take more frames of the flight, without --no-track",
+    Reason.NO_WIDTH: "state --runway-width-m: metres in place of runway widths",
+    Reason.NO_HORIZON: "keep the horizon in the picture, or give poses (--poses)",
+    Reason.NO_VANISHING_POINT: "show more of the lines: fly lower or nearer; or give poses (--poses)",
+    Reason.ASSUMED_CAMERA: "state --fov-deg, or give --camera FILE",
     Reason.UNLIKELY_ERRORS: "state how accurate the sensors are (--grade)",
 }
 

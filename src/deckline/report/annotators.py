@@ -33,7 +33,7 @@ MIN_WINDOW_PX = 48  # width of the magnified part of the image, at least
 DOT_PX = (1.5, 4.0)  # radius of a point of no and of full confidence, where points lie apart
 RIM_PX = 2.2  # smaller points have no dark rim: they would be all rim
 COLOURS = {"left": draw.LEFT, "right": draw.RIGHT}
-NEAR_M = 1.0  # the centre line is drawn from this far in front of the camera
+NEAR_HEIGHTS = 0.1  # the centre line is drawn from this far in front of the camera, in its heights above the deck
 NEEDLES_PX = 160  # side of the indicator
 Window = tuple[int, int, int, int]  # u0, v0, u1, v1, px, ends excluded
 
@@ -268,7 +268,7 @@ def project_centre_line(frame: Frame, estimate: RunwayEstimate) -> NDArray[np.fl
         return None
     along_m = np.linspace(along_m.min(), along_m.max(), 200)
     optical = pose.inv().apply(line.point_m + along_m[:, None] * line.direction)
-    in_front = optical[optical[:, 2] > NEAR_M]
+    in_front = optical[optical[:, 2] > NEAR_HEIGHTS * abs(line.height_m - pose.translation[2])]
     return frame.camera.project(in_front[[0, -1]]) if len(in_front) else None
 
 

@@ -48,7 +48,8 @@ class RunDigest:
         return record
 
     def _count(self, record: Record) -> None:
-        if lookup(record, ("guidance", "height_above_deck_m")) is None:
+        heights = (lookup(record, ("guidance", f"height_above_deck_{unit}")) for unit in ("m", "widths"))
+        if all(height is None for height in heights):
             self._missing.add(tuple(record["reasons"]), record["reason"])
         if record["status"] == Status.UNVERIFIED:
             self._unverified_frames += 1

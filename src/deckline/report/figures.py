@@ -56,12 +56,14 @@ def band_rows(records: list[Record]) -> list[tuple[str, ...]]:
     """Found-rate and errors by true distance to the ramp; empty without truth. Bands without frames are left out.
 
     Returns: a row each: band, frames, share with both lines, median and 95 % of the lateral error, median errors of
-        heading and height.
+        heading and height; lengths in runway widths where a band has these.
     """
     rows: list[tuple[str, ...]] = []
     known = [record for record in records if lookup(record, ("truth", "distance_to_ramp_m")) is not None]
     for band, members in by_band(known, lambda record: record["truth"]["distance_to_ramp_m"], RANGE_M).items():
-        names = ("lateral_deviation_m", "heading_error_deg", "height_above_deck_m")
+        (widths,) = _gather(members, ("errors", "guidance", "lateral_deviation_widths"))
+        unit = "widths" if len(widths) else "m"
+        names = (f"lateral_deviation_{unit}", "heading_error_deg", f"height_above_deck_{unit}")
         lateral, heading, height = (
             _quantiles(_gather(members, ("errors", "guidance", name))[0], name) for name in names
         )
@@ -162,4 +164,4 @@ def _quantiles(errors: NDArray[np.float64], key: str) -> tuple[str, str]:
 
 
 def _unit(key: str) -> str:
-    return "°" if key.endswith("_deg") else "m"
+    return "°" if key.endswith("_deg") else "widths" if key.endswith("_widths") else "m"

@@ -122,12 +122,18 @@ def _cards(
         both = sum(record["seen"] == LineVisibility.BOTH for record in seen)
         yield "Both lines found", percent(both / len(seen)), "of the frames used"
     errors = {name: (median, p95) for name, _, median, p95, *_ in figures.error_rows(seen)}
-    for name, label in (("Lateral deviation", "Lateral error"), ("Centre line, direction", "Direction error")):
+    labels = (
+        (GUIDANCE["lateral_deviation_m"], "Lateral error"),
+        (GUIDANCE["lateral_deviation_widths"], "Lateral error"),
+        ("Centre line, direction", "Direction error"),
+    )
+    for name, label in labels:
         if name in errors:
             yield f"{label}, median", errors[name][0], f"95 %: {errors[name][1]}"
-    sigma = figures.median_sigma(seen, "lateral_deviation_m")
-    if not errors and sigma is not None:
-        yield "Lateral deviation, 1 sigma", number(sigma, "m"), "median; no truth to compare with"
+    for name, unit in (("lateral_deviation_m", "m"), ("lateral_deviation_widths", "widths")):
+        sigma = figures.median_sigma(seen, name)
+        if not errors and sigma is not None:
+            yield "Lateral deviation, 1 sigma", number(sigma, unit), "median; no truth to compare with"
     visibility = figures.median_visibility([*dehazing] or seen)
     if visibility is not None:
         yield "Visibility", *visibility

@@ -20,11 +20,14 @@ from deckline.report.draw import (
     shorten,
     wrap,
 )
+from deckline.report.lengths import METRES, WIDTHS, Lengths, lengths_of
 from deckline.report.status import STATUS_COLOURS
-from deckline.types import DepthMode, Guidance, Status, TrackState, Value
+from deckline.types import DepthMode, Guidance, PoseSource, Status, TrackState, Value
 
 BAND = (1280, 248)  # width, height, px
 LATERAL_DOT_M = 5.0  # sideways per dot: two dots, 10 m, lie outside the edge lines of a carrier's landing deck
+LATERAL_DOT_WIDTHS = 0.25  # sideways per dot where metres are not known: two dots, half a width, are an edge line
+LATERAL_DOTS = {METRES: LATERAL_DOT_M, WIDTHS: LATERAL_DOT_WIDTHS}
 GLIDESLOPE_DOT_DEG = 0.35  # ICAO Annex 10: full scale is 0.7 degrees, two dots
 FULL_SCALE_DOTS = 2.4  # where a needle rests against its stop
 DOT_PX = 40
@@ -38,14 +41,16 @@ TRACK_TAGS = {  # the state `coasting` is a status too
 MODES = {
     DepthMode.FINE: "fine: distances from the depth camera",
     DepthMode.COARSE: "coarse: distances from pose and deck height",
-    DepthMode.WIDTH: "picture alone: distances from the lines' spacing",
+    DepthMode.WIDTH: "width: distances from the lines' spacing",
     DepthMode.NONE: "no distances",
 }
+IN_WIDTHS = "lengths in runway widths"
 
 
 def lateral_needle(guidance: Guidance) -> Value | None:
     """Deflection of the vertical needle, dots, right positive; None: flag."""
-    return _needle(guidance.lateral_deviation_m, LATERAL_DOT_M)
+    lengths = lengths_of(guidance)
+    return _needle(lengths.lateral, LATERAL_DOTS[lengths.unit])
 
 
 def glideslope_needle(guidance: Guidance) -> Value | None:
@@ -70,7 +75,7 @@ def draw_instrument(guidance: Guidance) -> Image:
     for column, tile in enumerate(_tiles(guidance)):
         _draw_tile(image, column, *tile)
     _draw_status(image, guidance)
-    _draw_legend(image, guidance.glideslope_rad)
+    _draw_legend(image, guidance)
     return image
 
 
@@ -108,9 +113,15 @@ def draw_indicator(guidance: Guidance) -> Image:
         words = guidance.status.upper()
         draw_box(image, (x - 70, y - 21), (140, 42), draw.FLAG, 5)
         draw_text(image, words, (x - measure_text(words, 22, 700) / 2, y + 8), 22, draw.INK, 700)
-    draw_text(image, f"dot {LATERAL_DOT_M:g} m", (12, side - 12), 12, draw.DIM)
+    draw_text(image, f"dot {name_lateral_dot(guidance)}", (12, side - 12), 12, draw.DIM)
     draw_text(image, f"dot {GLIDESLOPE_DOT_DEG:g}°", (side - 62, side - 12), 12, draw.DIM)
     return image
+
+
+def name_lateral_dot(guidance: Guidance) -> str:
+    """What a dot of the vertical needle stands for."""
+    unit = lengths_of(guidance).unit
+    return f"{LATERAL_DOTS[unit]:g} {unit}"
 
 
 def _needle(deviation: Value | None, dot: float) -> Value | None:
@@ -130,10 +141,12 @@ def _brighten(image: Image, centre: NDArray[np.float64], half: NDArray[np.float6
 
 def _tiles(guidance: Guidance) -> list[tuple[str, Value | None, str, int, str]]:
     """Title, value, unit, decimals and meaning of each number."""
-    lateral, heading, slope = guidance.lateral_deviation_m, guidance.heading_error_rad, guidance.vertical_deviation_m
+    lengths, heading, slope = lengths_of(guidance), guidance.heading_error_rad, guidance.vertical_deviation_m
     degrees = None if heading is None else Value(*np.rad2deg([heading.value, heading.sigma]).tolist())
-    beside = _side(lateral, "right of the line", "left of the line")
-    above = "of the aircraft" if slope is None else f"{abs(slope.value):.1f} m {_side(slope, 'above', 'below')} slope"
+    beside = _side(lengths.lateral, "right of the line", "left of the line")
+    above = _seen_from_ramp(lengths)
+    if slope is not None:
+        above = f"{abs(slope.value):.1f} m {_side(slope, 'above', 'below')} slope"
     turned = _side(degrees, "nose to the right", "nose to the left")
     if guidance.protection is not None:
         beside += f"  ·  within {guidance.protection.lateral_m:.1f} m"
@@ -142,12 +155,22 @@ def _tiles(guidance: Guidance) -> list[tuple[str, Value | None, str, int, str]]:
             turned += f"  ·  within {np.rad2deg(guidance.protection.heading_rad):.1f}°"
     rates = ((guidance.closing_m_s, "closing {:.0f} m/s"), (guidance.height_rate_m_s, "height {:+.1f} m/s"))
     ahead = ", ".join(words.format(rate.value) for rate, words in rates if rate is not None)
+    # A width is many metres: one more digit; and a long word: it stands in the titles.
+    words, unit, digits = ("", METRES, 0) if lengths.unit == METRES else (", WIDTHS", "", 1)
     return [
-        ("LATERAL DEVIATION", lateral, "m", 1, beside),
+        (f"LATERAL DEVIATION{words}", lengths.lateral, unit, 1 + digits, beside),
         ("HEADING ERROR", degrees, "°", 1, turned),
-        ("HEIGHT ABOVE DECK", guidance.height_above_deck_m, "m", 1, above),
-        ("DISTANCE TO RAMP", guidance.distance_to_ramp_m, "m", 0, ahead or "along the centre line"),
+        (f"HEIGHT ABOVE DECK{words}", lengths.height, unit, 1 + digits, above),
+        (f"DISTANCE TO RAMP{words}", lengths.distance, unit, digits, ahead or "along the centre line"),
     ]
+
+
+def _seen_from_ramp(lengths: Lengths) -> str:
+    """Where the aircraft stands over the horizon of somebody at the ramp, which needs no scale."""
+    height, distance = lengths.height, lengths.distance
+    if height is None or distance is None or not distance.value > 0:
+        return "of the aircraft"
+    return f"{np.rad2deg(np.arctan2(height.value, distance.value)):.1f}° up, seen from the ramp"
 
 
 def _side(value: Value | None, positive: str, negative: str) -> str:
@@ -165,7 +188,7 @@ def _draw_tile(
         draw_text(image, "not known", (left + 14, top + 100), 14, draw.DIM)
         return
     sign = "+" if column < 2 else ""
-    space = "" if unit == "°" else " "
+    space = " " if unit == METRES else ""
     number = f"{value.value:{sign}.{digits}f}"
     used = draw_text(image, number, (left + 14, top + 66), 36, draw.INK, 600)
     used += draw_text(image, f"{space}{unit}", (left + 16 + used, top + 66), 20, draw.INK)
@@ -183,19 +206,23 @@ def _draw_status(image: Image, guidance: Guidance) -> None:
     elif guidance.track in TRACK_TAGS:
         words, colour, ink = TRACK_TAGS[guidance.track]
         left += draw_tag(image, words, (left, top), 18, colour, ink) + 14
-    left += draw_text(image, MODES[guidance.mode], (left, top + 22), 16, draw.INK) + 18
+    mode = MODES[guidance.mode] if guidance.in_widths is None else IN_WIDTHS
+    if guidance.pose_source is PoseSource.PICTURE:
+        left += draw_tag(image, "POSE: PICTURE", (left, top), 18, draw.EDGE, draw.INK) + 14
+    left += draw_text(image, mode, (left, top + 22), 16, draw.INK) + 18
     for row, line in enumerate(wrap(guidance.reason, 14, BAND[0] - 16 - left, 2)):
         draw_text(image, line, (left, top + (21 if row == 0 else 41)), 14, draw.DIM)
 
 
-def _draw_legend(image: Image, glideslope_rad: float | None) -> None:
+def _draw_legend(image: Image, guidance: Guidance) -> None:
     left, y = FACE[0] + FACE[2] + 16, 222
     for name, colour in (("left line", draw.LEFT), ("right line", draw.RIGHT), ("centre line", draw.CENTRE)):
         draw_box(image, (left, y - 8), (22, 6), colour, 2)
         left += 30 + draw_text(image, name, (left + 30, y), 14, draw.DIM) + 22
-    slope = "" if glideslope_rad is None else f" off the {np.rad2deg(glideslope_rad):.3g}° slope"
+    wanted = guidance.glideslope_rad
+    slope = "" if wanted is None else f" off the {np.rad2deg(wanted):.3g}° slope"
     notes = (
-        f"Fly to the needles.  Dot: {LATERAL_DOT_M:g} m, {GLIDESLOPE_DOT_DEG:g}°{slope}.  "
+        f"Fly to the needles.  Dot: {name_lateral_dot(guidance)}, {GLIDESLOPE_DOT_DEG:g}°{slope}.  "
         "±: 1-sigma; within: protection level."
     )
     draw_text(image, shorten(notes, 14, BAND[0] - left - 16), (left + 8, y), 14, draw.DIM)

@@ -7,6 +7,7 @@ import csv
 import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from deckline.files import check_regular, open_regular, printable
 from deckline.flight import FrameResult
 from deckline.recording import BadFrame
 from deckline.recording.source import parse_json
-from deckline.truth import errors_against, range_to_ramp_m, true_guidance
+from deckline.truth import errors_against, lengths_in_widths, range_to_ramp_m, true_guidance, true_width_m
 from deckline.types import SIDES, Diagnostics, Guidance, Protection, RunwayLine, Track, Value
 
 DIGITS = 9  # significant digits written,
@@ -29,6 +30,9 @@ GUIDANCE = {  # what is written of the guidance, and what people call it
     "heading_error_deg": "Heading error",
     "height_above_deck_m": "Height above deck",
     "distance_to_ramp_m": "Distance to ramp",
+    "lateral_deviation_widths": "Lateral deviation, runway widths",
+    "height_above_deck_widths": "Height above deck, runway widths",
+    "distance_to_ramp_widths": "Distance to ramp, runway widths",
     "vertical_deviation_m": "Deviation from glideslope",
     "lateral_deviation_deg": "Lateral deviation, angle",
     "vertical_deviation_deg": "Deviation from glideslope, angle",
@@ -38,7 +42,7 @@ GUIDANCE = {  # what is written of the guidance, and what people call it
     "closing_m_s": "Closing speed",
 }
 KNOWN_TRUE = tuple(name for name in GUIDANCE if not name.endswith("_m_s"))  # one frame's truth has no rates
-UNITS = ("_m_s", "_deg", "_m")
+UNITS = ("_m_s", "_deg", "_m", "_widths")
 FORMULA = ("=", "+", "-", "@")  # how texts begin that spreadsheets compute; an apostrophe makes them texts
 LINES = (*SIDES, "centre")
 LINE_ERRORS = {  # of each line, and what people call it
@@ -57,29 +61,32 @@ FlightView = Callable[[FrameResult | None, Record], None]  # watches a flight; N
 def frame_record(result: FrameResult, approach: Approach) -> Record:
     """What is written about one frame, plain JSON values only; `approach` states what the guidance should be."""
     frame, estimate, detection = result.frame, result.estimate, result.detection
+    has_metres = not frame.in_widths  # else lines and ramp are in widths, and not written
     lines: Record = {}
     for side in SIDES:
         line = estimate.pixel_lines.get(side)
         lines[side] = _pick(getattr(detection, side), "points_px", "confidence", "sigma_px")
         lines[side]["pixel_line"] = line and _pick(line, "coefficients", "ends_px", "sigma_px", "inliers")
-        lines[side]["world"] = _world(estimate.lines.get(side))
-    lines["centre"] = {"world": _world(estimate.lines.get("centre"))}
+        lines[side]["world"] = _world(estimate.lines.get(side)) if has_metres else None
+    lines["centre"] = {"world": _world(estimate.lines.get("centre")) if has_metres else None}
+    ramp = None if estimate.ramp_m is None else {"point_m": estimate.ramp_m, "sigma_m": estimate.ramp_sigma_m}
     record = {
         "file": frame.file,
         "time_s": frame.time_s,
         "status": str(result.guidance.status),
         "seen": str(estimate.seen),
+        "pose_source": result.guidance.pose_source and str(result.guidance.pose_source),
         "scale_sources": [str(source) for source in result.guidance.scale_sources],
         "mode": str(estimate.mode),
         "edge": detection.edge and str(detection.edge),
         "reason": result.guidance.reason,
         "reasons": [str(diagnostic.reason) for diagnostic in result.guidance.diagnostics],
         "lines": lines,
-        "ramp": None if estimate.ramp_m is None else {"point_m": estimate.ramp_m, "sigma_m": estimate.ramp_sigma_m},
+        "ramp": ramp if has_metres else None,
         "guidance": guidance_record(result.guidance),
         "protection": result.guidance.protection and protection_record(result.guidance.protection),
         "flags": _diagnostics(result.guidance.flags),
-        "track": result.track and _track(result.track),
+        "track": result.track and _track(result.track, has_metres),
         **dehazing_record(result.dehazed),
         "seconds": dict(result.seconds),
         **_truth(result, approach),
@@ -185,8 +192,9 @@ def _columns() -> dict[str, tuple[str | int, ...]]:
     """Column names with units -> where each value lies in a record."""
     columns: dict[str, tuple[str | int, ...]] = {
         name: (name,)
-        for name in ("file", "time_s", "status", "seen", "scale_sources", "mode", "edge", "reason", "flags", "skipped")
+        for name in ("file", "time_s", "status", "seen", "pose_source", "scale_sources", "mode", "edge", "reason")
     }
+    columns |= {name: (name,) for name in ("flags", "skipped")}
     for name in GUIDANCE:
         unit = next(unit for unit in UNITS if name.endswith(unit))
         columns[name] = ("guidance", name, "value")
@@ -230,6 +238,9 @@ def _world(line: RunwayLine | None) -> Record | None:
 
 
 def _value(guidance: Guidance, name: str) -> Record | None:
+    if name.endswith("_widths"):
+        length: Value | None = getattr(guidance.in_widths, name.removesuffix("_widths"), None)
+        return None if length is None else dict(vars(length))
     in_degrees = name.endswith("_deg")
     value: Value | None = getattr(guidance, name.removesuffix("_deg") + "_rad" if in_degrees else name)
     if value is None:
@@ -241,13 +252,13 @@ def _diagnostics(diagnostics: Diagnostics) -> list[Record]:
     return [{"name": str(diagnostic.reason), "reason": diagnostic.message} for diagnostic in diagnostics]
 
 
-def _track(track: Track) -> Record:
+def _track(track: Track, has_metres: bool) -> Record:
     return {
         "state": str(track.state),
         "age_s": track.age_s,
         "flags": _diagnostics(track.flags),
         "excluded": _diagnostics(track.excluded),
-        "lines": {line: _world(track.lines.get(line)) for line in LINES},
+        "lines": {line: _world(track.lines.get(line)) if has_metres else None for line in LINES},
     }
 
 
@@ -257,7 +268,8 @@ def _truth(result: FrameResult, approach: Approach) -> Record:
     if truth is None:
         return {"truth": None, "errors": None}
     exact = true_guidance(frame, approach)
-    values = {} if exact is None else guidance_record(exact)
+    widths = lengths_in_widths(exact, true_width_m(truth))
+    values = {} if exact is None else guidance_record(replace(exact, in_widths=widths))
     known = {
         "has_runway": truth.left is not None,
         "visibility_m": truth.visibility_m,

@@ -18,7 +18,7 @@ from deckline.recording import open_recording
 from deckline.report.bands import RANGE_M, by_band, share
 from deckline.report.provenance import settings_of
 from deckline.truth import compare_line, errors_against, range_to_ramp_m, true_guidance, true_segments
-from deckline.types import SIDES, DepthMode, LineVisibility
+from deckline.types import SIDES, DepthMode, LineVisibility, PoseSource
 from deckline_lab.evaluation.frames import FrameSample, FrameSet, Recorded, RenderOptions, Task, score_frames
 from deckline_lab.evaluation.metrics import below_horizon, normal_pixel_error, psnr_db, ssim
 from deckline_lab.evaluation.tables import (
@@ -167,9 +167,10 @@ def score_frame(result: FrameResult, approach: Approach) -> FrameScore:
     if truth is None:
         raise ValueError(f"{frame.file} has no truth to compare with: evaluate a recording with a scene.json")
     errors: Figures = {}
+    placed = {} if frame.pose_source is PoseSource.PICTURE else result.estimate.lines  # else not in truth's world
     for side, segment in true_segments(truth).items():
-        if side in result.estimate.lines:
-            for name, value in compare_line(result.estimate.lines[side], segment).items():
+        if side in placed:
+            for name, value in compare_line(placed[side], segment).items():
                 errors[f"{name.replace('lateral_error_m', 'lateral_error_at_ramp_m')}.{side}"] = value
         world_from_camera = frame.true_world_from_camera
         if side in SIDES and world_from_camera is not None:

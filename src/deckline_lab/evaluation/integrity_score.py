@@ -244,7 +244,7 @@ def state_of(result: FrameResult, faulty: bool, approach: Approach) -> FrameStat
     frame, track, flags = result.frame, result.track, result.guidance.flags
     if track is None:
         raise ValueError(f"{frame.file}: integrity needs a track, got a flight without one")
-    centre, protection = track.lines.get("centre"), track.protection
+    centre, protection = None if frame.in_widths else track.lines.get("centre"), track.protection
     errors: dict[str, float] = {} if centre is None else pilot_figures(frame, centre, approach.touchdown_m)
     exact, distance = true_guidance(frame, approach), result.guidance.distance_to_ramp_m
     true_distance = None if exact is None else exact.distance_to_ramp_m

@@ -17,7 +17,7 @@ from deckline.truth import (
     true_line,
     true_segments,
 )
-from deckline.types import SIDES, Detection, Frame, RunwayLine, Segment
+from deckline.types import SIDES, Detection, Frame, PoseSource, RunwayLine, Segment
 from deckline_lab.evaluation.approaches import Sighting
 from deckline_lab.evaluation.cramer_rao import cramer_rao
 from deckline_lab.evaluation.localization_methods import LocalizationBench, Method, point_rng
@@ -83,7 +83,7 @@ def frame_figures(frame: Frame, lines: Mapping[str, RunwayLine], touchdown_m: fl
         exact = true_line(segments[side])
         truths = {"slope": exact.slope, "intercept_m": exact.intercept_m, "height_m": exact.height_m}
         figures |= {f"true_{name}.{side}": value for name, value in truths.items()}
-        if side in lines:
+        if side in lines and frame.pose_source is not PoseSource.PICTURE:  # else not in truth's world
             figures |= line_figures(lines[side], segments[side], side)
     if "centre" in lines:
         pilot = pilot_figures(frame, lines["centre"], touchdown_m)
@@ -116,7 +116,7 @@ def unit_figures(frame: Frame) -> Figures:
     What the navigation unit is wrong by about its own position and heading; nothing for a frame without such a pose.
     """
     measured, true, segments = frame.world_from_body, frame.true_world_from_body, true_segments(frame.truth)
-    if not segments or measured is None or true is None:
+    if not segments or measured is None or true is None or frame.pose_source is PoseSource.PICTURE:
         return {}
     figures: Figures = {}
     for side in SIDES:

@@ -25,7 +25,7 @@ from deckline.dehaze import DEHAZERS, NOT_DEHAZED, Dehazer
 from deckline.files import print_line
 from deckline.flight import FrameResult
 from deckline.live.mailbox import Mailbox
-from deckline.report.instrument import FULL_SCALE_DOTS, GLIDESLOPE_DOT_DEG, LATERAL_DOT_M
+from deckline.report.instrument import FULL_SCALE_DOTS, GLIDESLOPE_DOT_DEG, LATERAL_DOTS
 from deckline.report.records import Record
 from deckline.report.status import STATUS_COLOURS
 
@@ -85,7 +85,7 @@ class Dashboard:
             "dehazers": [name for name in DEHAZERS if name != NOT_DEHAZED],
             "dehazer": config.models.dehazer if config.models.dehazer in DEHAZERS else NOT_DEHAZED,
             "statuses": {str(status): colours.css for status, colours in STATUS_COLOURS.items()},
-            "dots": {"lateral_m": LATERAL_DOT_M, "slope_deg": GLIDESLOPE_DOT_DEG, "full": FULL_SCALE_DOTS},
+            "dots": {"lateral": LATERAL_DOTS, "slope_deg": GLIDESLOPE_DOT_DEG, "full": FULL_SCALE_DOTS},
         }
         self._mail: Mailbox[tuple[FrameResult | None, Record, float]] = Mailbox()
         self._memory = Memory()

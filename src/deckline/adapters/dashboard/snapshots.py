@@ -17,6 +17,7 @@ from deckline.recording.images import encode_image
 from deckline.report.advice import advise
 from deckline.report.annotators import Window, crop_around, find_window, match_contrast, project_centre_line, resize
 from deckline.report.draw import Image
+from deckline.report.lengths import METRES, WIDTHS
 from deckline.report.records import Record, lookup
 from deckline.types import SIDES, Frame
 
@@ -25,7 +26,10 @@ DECK_PX = (480, 270)  # width, height of the magnified deck
 ANY_SCALE = 1e-6  # a deck is magnified however large it is in the picture
 QUALITY = 90  # of the JPEGs
 MEMORY = 192 << 20  # bytes: 1,500 snapshots of 720p and more, two minutes at 10 a second
-PLOTTED = (("lateral_deviation_m", "lateral_m"), ("vertical_deviation_m", "vertical_m"))  # value, protection level
+PLOTTED = {  # value and protection level by the unit of lengths; the glideslope's aim point has no place in widths
+    METRES: (("lateral_deviation_m", "lateral_m"), ("vertical_deviation_m", "vertical_m")),
+    WIDTHS: (("lateral_deviation_widths", ""), ("height_above_deck_widths", "")),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +57,7 @@ class Snapshot:
     shown: str
     """JSON: what the browser shows."""
     row: list[Any]
-    """For the plots: number, time, value and protection level of each of `PLOTTED`, status."""
+    """For the plots: number, time, value and protection level of each of `PLOTTED`, status, unit of lengths."""
     pictures: SnapshotPictures | None
     """Pictures of the frame; None: no new picture."""
 
@@ -121,12 +125,13 @@ def make_snapshot(number: int, result: FrameResult | None, record: Record, pictu
     shown: Record = {name: record[name] for name in ("file", "status", "seen", "reason")}
     shown |= {"number": number, "time_s": time_s, "picture": pictured if result is None else number}
     shown |= {"values": values, "levels": levels, "advice": advise(record), "lines": None}
-    shown["flagged"] = bool(record["flags"])
+    unit = METRES if lookup(values, ("height_above_deck_widths",)) is None else WIDTHS
+    shown |= {"flagged": bool(record["flags"]), "unit": unit, "pose_source": record.get("pose_source")}
     if result is not None and pictures is not None:
         camera = result.frame.camera
         shown |= {"lines": find_marks(result), "size": (camera.width, camera.height), "window": pictures.window}
-    plotted = [(lookup(values, (value, "value")), levels.get(level)) for value, level in PLOTTED]
-    row = [number, time_s, *(size for pair in plotted for size in pair), record["status"]]
+    plotted = [(lookup(values, (value, "value")), levels.get(level)) for value, level in PLOTTED[unit]]
+    row = [number, time_s, *(size for pair in plotted for size in pair), record["status"], unit]
     return Snapshot(number, json.dumps(shown, separators=(",", ":"), allow_nan=False), row, pictures)
 
 

@@ -110,10 +110,10 @@ class Link:
             if origin is not None and now_s - self._beacon_s >= BEACON_S:
                 self._beacon_s = now_s
                 self._send(ship_beacon(record, origin), self._ship)
-        text, quiet_s = describe(record), now_s - self._text_s
+        text, quiet_s = describe(record, self._firmware), now_s - self._text_s
         if quiet_s >= (TEXT_S if text != self._text else REPEAT_S if target is None else np.inf):
             self._text, self._text_s = text, now_s
-            self._send(status_text(record, silent_s if np.isfinite(silent_s) else None))
+            self._send(status_text(record, silent_s if np.isfinite(silent_s) else None, self._firmware))
 
     def close(self) -> None:
         self._stopped.set()

@@ -4,6 +4,9 @@ Source: PX4-Autopilot, src/modules/mavlink/mavlink_receiver.cpp, handle_message_
 position is used in MAV_FRAME_LOCAL_NED alone, as an absolute one. ArduPilot,
 libraries/AC_PrecLand/AC_PrecLand_MAVLink.cpp (2b30683d193f): a position is used in MAV_FRAME_BODY_FRD
 alone, divided by a distance that must be its length.
+
+A pose of the picture has no place in LOCAL_NED: ArduPilot gets its target in the body's frame, PX4 gets none. Without a
+stated width guidance is never `ok`, so an angle alone is never sent: it would steer by a scale that nobody knows.
 """
 
 import math
@@ -17,7 +20,8 @@ from deckline.report.records import Record
 from deckline.types import Status
 
 Origin = tuple[float, float, float]  # latitude, longitude, degrees, altitude, m
-FIRMWARES = {"px4": mavlink.MAV_AUTOPILOT_PX4, "ardupilot": mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA}
+PX4 = "px4"
+FIRMWARES = {PX4: mavlink.MAV_AUTOPILOT_PX4, "ardupilot": mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA}
 TEXT_LENGTH = 50  # bytes of a STATUSTEXT
 SEVERITIES = {
     Status.OK: mavlink.MAV_SEVERITY_INFO,
@@ -26,9 +30,11 @@ SEVERITIES = {
 }
 
 
-def touchdown_of(record: Record) -> Record | None:
-    """The touchdown point of a record whose guidance is `ok`; None of any other."""
+def touchdown_of(record: Record, firmware: str) -> Record | None:
+    """The touchdown point of a record whose guidance is `ok`, in the frame that the firmware takes; None without it."""
     touchdown: Record | None = record["live"]["touchdown"] if record["status"] == Status.OK else None
+    if touchdown is None or (firmware == PX4 and touchdown["world_m"] is None):
+        return None
     return touchdown
 
 
@@ -39,10 +45,10 @@ def landing_target(record: Record, firmware: str) -> Any:
         record: a live one.
         firmware: a key of `FIRMWARES`.
     """
-    touchdown = touchdown_of(record)
+    touchdown = touchdown_of(record, firmware)
     if touchdown is None:
         return None
-    is_px4, body = firmware == "px4", touchdown["body_m"]
+    is_px4, body = firmware == PX4, touchdown["body_m"]
     x, y, z = touchdown["world_m"] if is_px4 else body
     return mavlink.MAVLink_landing_target_message(
         time_usec=round(1e6 * record["live"]["sent_s"]),
@@ -68,7 +74,7 @@ def ship_beacon(record: Record, origin: Origin) -> Any:
         record: a live one.
         origin: of the world, North-East-Down.
     """
-    touchdown = touchdown_of(record)
+    touchdown = touchdown_of(record, PX4)  # in the world, as the beacon is
     if touchdown is None or touchdown["velocity_m_s"] is None:
         return None
     latitude, longitude, altitude = geodetic_from_ned(np.array(touchdown["world_m"]), origin)
@@ -83,24 +89,27 @@ def ship_beacon(record: Record, origin: Origin) -> Any:
     )
 
 
-def describe(record: Record) -> str:
-    """Text of STATUSTEXT: the status, with its flags or else its reasons."""
+def describe(record: Record, firmware: str) -> str:
+    """Text of STATUSTEXT: the status, with its flags or else its reasons, or why `ok` has no target."""
     status, flags = record["status"], [flag["name"] for flag in record["flags"]]
     if status == Status.OK:
-        return "ok" if record["live"]["touchdown"] else "ok: no touchdown point"
+        if touchdown_of(record, firmware) is not None:
+            return "ok"
+        return "ok: pose of the picture, no target" if record["live"]["touchdown"] else "ok: no touchdown point"
     names = flags or [reason for reason in record["reasons"] if reason != status]
     return f"{status}: {', '.join(names)}" if names and names != [status] else str(status)
 
 
-def status_text(record: Record, silent_s: float | None) -> Any:
+def status_text(record: Record, silent_s: float | None, firmware: str) -> Any:
     """STATUSTEXT of a record.
 
     Args:
         record: a live one.
         silent_s: since the last LANDING_TARGET; None: there was none.
+        firmware: a key of `FIRMWARES`.
     """
-    age = f" {silent_s:.1f} s" if silent_s is not None and touchdown_of(record) is None else ""
-    text = f"deckline {describe(record)}".encode("ascii", "replace")[: TEXT_LENGTH - len(age)] + age.encode()
+    age = f" {silent_s:.1f} s" if silent_s is not None and touchdown_of(record, firmware) is None else ""
+    text = f"deckline {describe(record, firmware)}".encode("ascii", "replace")[: TEXT_LENGTH - len(age)] + age.encode()
     warning = mavlink.MAV_SEVERITY_WARNING
     severity = warning if record["flags"] else SEVERITIES.get(record["status"], warning)
     return mavlink.MAVLink_statustext_message(severity, text)

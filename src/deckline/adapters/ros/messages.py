@@ -1,7 +1,8 @@
 """Frames and guidance as standard ROS 2 messages: plain values by field, which `encode.Encoder` makes bytes of.
 
 Frames: `map` (East-North-Up of the poses' world), `base_link` (the aircraft, forward-left-up), `camera_optical_frame`
-(z forward), and `deck`: origin in the middle of the ramp, x along the landing, y left, z up.
+(z forward), and `deck`: origin in the middle of the ramp, x along the landing, y left, z up. A pose of the picture has
+no place in `map`: `deck` is then a child of `base_link`, and lines are in `deck`, in metres or not at all.
 Source: REP 103 (axes), REP 105 (frames); common_interfaces of ROS 2, whose fields are the same from Humble to Lyrical.
 """
 
@@ -18,7 +19,7 @@ from deckline.geometry import Camera
 from deckline.recording.ros_messages import BODY, FLU_FROM_FRD, NED_FROM_ENU
 from deckline.report import draw
 from deckline.report.records import LINES, Record
-from deckline.types import SIDES, Frame, Status
+from deckline.types import SIDES, Frame, PoseSource, Status
 
 Values = dict[str, Any]
 Message = tuple[str, str, Values]  # topic, type, values by field; fields that are left out are zero or empty
@@ -56,11 +57,13 @@ def frame_messages(frame: Frame, picture: bytes, picture_format: str) -> list[Me
     """A frame: its picture as the bytes of a file, and its camera and transforms where they are known."""
     head = header(frame.time_s, CAMERA)
     messages = [message(IMAGE_TOPIC, {"header": head, "format": picture_format, "data": picture})]
-    if frame.camera.known:
+    is_picture = frame.pose_source is PoseSource.PICTURE
+    if frame.camera.known and frame.camera.focal_sigma is None:  # a reader takes it for calibrated
         messages.append(message(INFO_TOPIC, {"header": head, **camera_values(frame.camera)}))
+    if frame.camera.known:
         mount = _transform(frame.time_s, BODY, CAMERA, UPRIGHT * frame.body_from_camera)
         moves = [mount]
-        if frame.world_from_body is not None:
+        if frame.world_from_body is not None and not is_picture:
             moves.append(_transform(frame.time_s, MAP, BODY, MAP_FROM_WORLD * frame.world_from_body * UPRIGHT))
         messages.append(message(TF_TOPIC, {"transforms": moves}))
     return messages
@@ -98,14 +101,18 @@ def guidance_messages(result: FrameResult, record: Record, config: RunConfig) ->
     """What was found in a frame: the lines in the picture, and, of trusted guidance alone, pose, deck and lines."""
     frame, is_trusted = result.frame, record["status"] in GUIDES
     messages = [message(SEEN_TOPIC, _seen(result))]
+    is_picture = frame.pose_source is PoseSource.PICTURE
     deck = deck_from_body(result, config.approach.point_m) if is_trusted else None
     if deck is not None and frame.world_from_body is not None:
-        map_from_deck = MAP_FROM_WORLD * frame.world_from_body * deck.inv() * UPRIGHT
-        messages.append(message(TF_TOPIC, {"transforms": [_transform(frame.time_s, MAP, DECK, map_from_deck)]}))
+        move = _transform(frame.time_s, BODY, DECK, UPRIGHT * deck.inv() * UPRIGHT)
+        if not is_picture:
+            move = _transform(frame.time_s, MAP, DECK, MAP_FROM_WORLD * frame.world_from_body * deck.inv() * UPRIGHT)
+        messages.append(message(TF_TOPIC, {"transforms": [move]}))
         covariance = _covariance(result, np.deg2rad(config.sensors.attitude_deg))
         pose = {"pose": _pose(UPRIGHT * deck * UPRIGHT), "covariance": covariance}
         messages.append(message(POSE_TOPIC, {"header": header(frame.time_s, DECK), "pose": pose}))
-    messages.append(message(LINES_TOPIC, {"markers": _lines(result) if is_trusted else [{"action": DELETE_ALL}]}))
+    has_lines = is_trusted and (deck is not None or not is_picture)
+    messages.append(message(LINES_TOPIC, {"markers": _lines(result, deck) if has_lines else [{"action": DELETE_ALL}]}))
     return messages
 
 
@@ -135,7 +142,7 @@ def diagnostics(record: Record, source: str, time_s: float) -> Message:
     flat = {key: value["value"] if isinstance(value, dict) else value for key, value in numbers.items()}
     flat |= {f"{key}_sigma": value["sigma"] for key, value in numbers.items() if isinstance(value, dict)}
     flat["flags"] = ", ".join(flag["name"] for flag in record.get("flags", ()))
-    flat |= {key: record[key] for key in ("seen", "mode", "edge", "skipped") if record.get(key)}
+    flat |= {key: record[key] for key in ("seen", "pose_source", "mode", "edge", "skipped") if record.get(key)}
     flat["scale_sources"] = ", ".join(record.get("scale_sources", ()))
     values = [{"key": key, "value": str(value)} for key, value in flat.items() if value not in (None, "")]
     reason = record.get("reason") or record.get("skipped", "")
@@ -158,8 +165,16 @@ def _seen(result: FrameResult) -> Values:
     }
 
 
-def _lines(result: FrameResult) -> list[Values]:
-    """The lines of the track, else of the frame, in the world, from the ramp on."""
+def _lines(result: FrameResult, deck: RigidTransform | None) -> list[Values]:
+    """The lines of the track, else of the frame, from the ramp on: in the world, of a pose of the picture in the deck.
+
+    Args:
+        result: of a frame.
+        deck: `deck_from_body`.
+    """
+    frame, parent, parent_from_world = result.frame, MAP, MAP_FROM_WORLD
+    if frame.pose_source is PoseSource.PICTURE and deck is not None and frame.world_from_body is not None:
+        parent, parent_from_world = DECK, UPRIGHT * deck * frame.world_from_body.inv()
     is_tracked = result.track is not None and bool(result.track.lines)
     source: Any = result.track if is_tracked else result.estimate
     markers: list[Values] = [{"action": DELETE_ALL}]
@@ -167,7 +182,7 @@ def _lines(result: FrameResult) -> list[Values]:
         if (line := source.lines.get(name)) is None:
             continue
         start = 0.0 if source.ramp_m is None else float((source.ramp_m - line.point_m) @ line.direction)
-        ends = MAP_FROM_WORLD.apply(line.point_m + np.outer([start, start + DRAWN_M], line.direction))
+        ends = parent_from_world.apply(line.point_m + np.outer([start, start + DRAWN_M], line.direction))
         shape = {
             "type": LINE_LIST,
             "scale": {"x": WIDTH_M},
@@ -175,7 +190,7 @@ def _lines(result: FrameResult) -> list[Values]:
             "pose": {"orientation": {"w": 1.0}},
         }
         points = [_vector(end) for end in ends]
-        head = header(result.frame.time_s, MAP)
+        head = header(frame.time_s, parent)
         markers.append({"header": head, "ns": "lines", "id": number, "points": points, **shape})
     return markers
 

@@ -8,6 +8,9 @@
     { key: "heading_error_deg", unit: "°", digits: 2, sides: ["nose right", "nose left"], level: "heading_deg" },
     { key: "height_above_deck_m", unit: "m", digits: 2, level: "vertical_m" },
     { key: "distance_to_ramp_m", unit: "m", digits: 1, level: "distance_m" },
+    { key: "lateral_deviation_widths", unit: "widths", digits: 3, sides: ["right of", "left of"] },
+    { key: "height_above_deck_widths", unit: "widths", digits: 3 },
+    { key: "distance_to_ramp_widths", unit: "widths", digits: 2 },
     { key: "lateral_rate_m_s", unit: "m/s", digits: 2, sides: ["right", "left"] },
     { key: "height_rate_m_s", unit: "m/s", digits: 2, sides: ["climbing", "sinking"] },
     { key: "closing_m_s", unit: "m/s", digits: 1 },
@@ -44,14 +47,15 @@
   const times = rows.map((row) => row.time_s).filter(known);
   const start = Math.min(...times); // Unix times are too long to be read along an axis
   const hasTime = times.some((time) => time > start);
-  const range = (row) => inside(row, "truth", "distance_to_ramp_m") ?? inside(row, "guidance", "distance_to_ramp_m", "value");
   const hasTrueRange = rows.some((row) => known(inside(row, "truth", "distance_to_ramp_m")));
+  const rangeUnit = hasTrueRange || !GUIDANCE.some(({ key }) => key === "distance_to_ramp_widths") ? "m" : "widths";
+  const range = (row) => inside(row, "truth", "distance_to_ramp_m") ?? inside(row, "guidance", `distance_to_ramp_${rangeUnit}`, "value");
   const hasRange = rows.filter((row) => known(range(row))).length > 1;
   const hasErrors = rows.some((row) => GUIDANCE.some(({ key }) => known(inside(row, "errors", key))));
   const AXES = {
     time: { name: "Time", label: "time since the first frame, s", of: (row) => (known(row.time_s) ? row.time_s - start : null) },
     frame: { name: "Frame", label: "frame", of: (row, index) => index },
-    range: { name: "Range", label: `${hasTrueRange ? "true" : "measured"} distance to the ramp, m`, of: range, reversed: true },
+    range: { name: "Range", label: `${hasTrueRange ? "true" : "measured"} distance to the ramp, ${rangeUnit}`, of: range, reversed: true },
   };
   const state = { axis: hasTime ? "time" : "frame", errors: false, row: 0 };
 
@@ -262,9 +266,11 @@
 
   // --- pictures -------------------------------------------------------------------------------------------------
   function words(row) {
-    const lateral = inside(row, "guidance", "lateral_deviation_m", "value"), heading = inside(row, "guidance", "heading_error_deg", "value");
+    const metres = inside(row, "guidance", "lateral_deviation_m", "value"), widths = inside(row, "guidance", "lateral_deviation_widths", "value");
+    const lateral = metres ?? widths, heading = inside(row, "guidance", "heading_error_deg", "value");
     if (!known(lateral)) return row.reason ? `No deviation (${row.reason})` : "";
-    const place = `${fixed(Math.abs(lateral), 1)} m ${lateral >= 0 ? "right" : "left"} of the centre line`;
+    const size = known(metres) ? `${fixed(Math.abs(metres), 1)} m` : `${fixed(Math.abs(widths), 2)} runway widths`;
+    const place = `${size} ${lateral >= 0 ? "right" : "left"} of the centre line`;
     return known(heading) ? `${place}, nose ${fixed(Math.abs(heading), 1)}° ${heading >= 0 ? "right" : "left"}` : place;
   }
   function cell(value, digits, unit, write) {
