@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import RigidTransform
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.geometry import Camera, camera_mount
 
@@ -267,6 +267,8 @@ class Frame:
     """World z (down) of the water, m; None: not known."""
     truth: Truth | None = None
     """What a simulator or survey knows; the chain never reads it."""
+    level_from_body: Rotation | None = None
+    """Roll and pitch of a sensor that knows no position; its heading is not used. For frames without a pose."""
     pose_source: PoseSource = PoseSource.NAVIGATION
     """Where `world_from_body` comes from; of the picture, the world is the runway's frame: x along the landing from the
     ramp, y to the right, z down from the deck."""

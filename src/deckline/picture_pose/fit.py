@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from deckline.config import RunConfig
 from deckline.geometry import attitude
-from deckline.picture_pose.model import Innovation, Mount, horizon_innovation, lines_innovation
-from deckline.picture_pose.sights import HorizonSight, LineSight
+from deckline.picture_pose.model import Innovation, Mount, attitude_innovation, horizon_innovation, lines_innovation
+from deckline.picture_pose.sights import LevelSight, LineSight
 from deckline.picture_pose.states import USUAL_WIDTH_M, Belief, States, initial_belief
 from deckline.types import SIDES, Diagnostic, Reason
 
@@ -29,7 +29,7 @@ MAX_RESIDUAL = 5.0  # 1-sigma of any part of the picture that the fit leaves
 def fit_pose(
     time_s: float,
     sights: dict[str, LineSight],
-    horizon: HorizonSight | None,
+    level: LevelSight,
     mount: Mount,
     shared_sigma: Array,
     config: RunConfig,
@@ -39,20 +39,21 @@ def fit_pose(
     Args:
         time_s: of the picture.
         sights: its edge lines, both needed.
-        horizon: of the same picture; None: the roll is as likely as `picture.roll_sigma_deg` states.
+        level: horizon of the same picture and a sensor's attitude; without both the roll is as likely as
+            `picture.roll_sigma_deg` states.
         mount: of the camera.
-        shared_sigma: (11,) of `States.SHARED`.
+        shared_sigma: (13,) of `States.SHARED`.
         config: what is stated of the runway and the aircraft.
     """
     if set(sights) != set(SIDES):
         return Diagnostic(Reason.NO_VANISHING_POINT, "one line alone gives no pose: both edge lines are needed")
-    roll = 0.0 if horizon is None else -float(np.arctan(horizon.slope))
+    roll = level.roll_rad
     start = closed_form(sights, mount, roll, config)
     if isinstance(start, Diagnostic):
         return start
     rotation, place = start
     prior = initial_belief(time_s, rotation, place, shared_sigma, config)
-    return check_belief(_iterate(prior, sights, horizon, mount), sights, horizon, mount)
+    return check_belief(_iterate(prior, sights, level, mount), sights, level, mount)
 
 
 def closed_form(
@@ -61,7 +62,7 @@ def closed_form(
     """runway_from_body (3, 3) and distance, lateral deviation and height, m, without noise and slopes.
 
     Args:
-        camera_roll: of the picture against the horizon, rad.
+        camera_roll: of the aircraft, as far as it is known, rad.
     """
     normals = {side: mount.rotation @ np.cross(*sight.rays) for side, sight in sights.items()}  # body
     rays = {side: sight.rays @ mount.rotation.T for side, sight in sights.items()}
@@ -96,11 +97,11 @@ def closed_form(
     return rotation, np.array([nearest * height, lateral, height])
 
 
-def _iterate(prior: Belief, sights: dict[str, LineSight], horizon: HorizonSight | None, mount: Mount) -> Belief:
+def _iterate(prior: Belief, sights: dict[str, LineSight], level: LevelSight, mount: Mount) -> Belief:
     """Gauss-Newton on measurements and prior together; the prior's attitude is level flight along the runway."""
     information, belief = np.linalg.inv(prior.covariance), prior
     for _ in range(STEPS):
-        innovation = innovations(belief, sights, horizon, mount)
+        innovation = innovations(belief, sights, level, mount)
         weights = 1 / innovation.variance
         normal = information + (innovation.design.T * weights) @ innovation.design
         offset = prior.mean - belief.mean
@@ -112,15 +113,17 @@ def _iterate(prior: Belief, sights: dict[str, LineSight], horizon: HorizonSight 
     return belief
 
 
-def innovations(belief: Belief, sights: dict[str, LineSight], horizon: HorizonSight | None, mount: Mount) -> Innovation:
+def innovations(belief: Belief, sights: dict[str, LineSight], level: LevelSight, mount: Mount) -> Innovation:
     """Of all that one picture shows."""
     total = lines_innovation(belief, sights, mount)
-    return total if horizon is None else total + horizon_innovation(belief, horizon, mount)
+    if level.horizon is not None:
+        total = total + horizon_innovation(belief, level.horizon, mount)
+    if level.attitude is not None:
+        total = total + attitude_innovation(belief, level.attitude, level.white_rad)
+    return total
 
 
-def check_belief(
-    belief: Belief, sights: dict[str, LineSight], horizon: HorizonSight | None, mount: Mount
-) -> Belief | Diagnostic:
+def check_belief(belief: Belief, sights: dict[str, LineSight], level: LevelSight, mount: Mount) -> Belief | Diagnostic:
     """The belief, or why it is none."""
     rotation, widths = Rotation.from_matrix(belief.rotation), belief.mean[States.HEIGHT] / belief.width_m
     if not np.isfinite(belief.mean).all() or not LOWEST <= widths <= HIGHEST:
@@ -129,7 +132,7 @@ def check_belief(
         return Diagnostic(Reason.NO_VANISHING_POINT, "the lines are too short to show where they meet")
     if abs(rotation.as_euler("ZYX")[2]) > MAX_ROLL_RAD:
         return Diagnostic(Reason.NO_VANISHING_POINT, "the picture is upside down or on its side")
-    left = innovations(belief, sights, horizon, mount)
+    left = innovations(belief, sights, level, mount)
     if (np.abs(left.residuals) > MAX_RESIDUAL * np.sqrt(left.variance)).any():
-        return Diagnostic(Reason.ATTITUDE, "lines and horizon of the picture contradict each other")
+        return Diagnostic(Reason.ATTITUDE, "lines and horizon of the picture, or the attitude, contradict each other")
     return belief

@@ -30,6 +30,8 @@ MESSAGES = {
         "the horizon lies {:+.1f} degrees above where the lines meet",
     ),
     States.HORIZON_TILT: (Reason.ATTITUDE, float(np.rad2deg(1.0)), "the horizon is tilted by {:+.1f} degrees"),
+    States.LEVEL_X: (Reason.ATTITUDE, float(np.rad2deg(1.0)), "the sensor's roll seems {:+.1f} degrees off"),
+    States.LEVEL_Y: (Reason.ATTITUDE, float(np.rad2deg(1.0)), "the sensor's pitch seems {:+.1f} degrees off"),
     States.WIDTH: (Reason.SPACING, 1.0, "the lines' spacing seems {:+.1f} m off what was stated"),
     States.ANGLE: (Reason.ANGLE, float(np.rad2deg(1.0)), "the angle between the lines seems {:+.1f} degrees off"),
     States.SLOPE: (Reason.HEIGHT, float(np.rad2deg(1.0)), "the deck seems to slope by {:+.1f} degrees along the lines"),
@@ -39,7 +41,7 @@ MESSAGES = {
 }
 YOUNG = Diagnostic(Reason.YOUNG_TRACK, "the track is too young to show contradictions")
 UNLIKELY = Diagnostic(Reason.UNLIKELY_ERRORS, "the errors of camera, horizon and paint are unlikely together")
-NO_HORIZON = Diagnostic(Reason.NO_HORIZON, "no horizon confirms the roll that the lines suggest")
+NO_HORIZON = Diagnostic(Reason.NO_HORIZON, "neither a horizon nor an attitude confirms the roll that the lines suggest")
 NO_WIDTH = Diagnostic(
     Reason.NO_WIDTH, "the picture gives lengths in runway widths: state --runway-width-m to have metres"
 )
@@ -78,15 +80,15 @@ def bias_flag(belief: Belief, shared_sigma: Array, config: RunConfig) -> Diagnos
 
 
 def unverified_reasons(
-    belief: Belief, age_s: float, has_horizon: bool, shared_sigma: Array, config: RunConfig
+    belief: Belief, age_s: float, has_level: bool, shared_sigma: Array, config: RunConfig
 ) -> Diagnostics:
     """Why a pose that no test flags is not verified.
 
     Args:
         belief: of the present.
         age_s: of its track.
-        has_horizon: whether a horizon agreed lately.
-        shared_sigma: (11,) as stated.
+        has_level: whether a horizon or an attitude agreed lately.
+        shared_sigma: (13,) as stated.
         config: limits.
     """
     squares = [(test.bias / test.sigma) ** 2 for test in prior_tests(belief, shared_sigma, config)]
@@ -94,7 +96,7 @@ def unverified_reasons(
     doubts = (
         (NO_WIDTH, config.deck.width_m is None),
         (ASSUMED_CAMERA, focal_sigma > MAX_FOCAL_SIGMA),
-        (NO_HORIZON, not has_horizon),
+        (NO_HORIZON, not has_level),
         (YOUNG, age_s < MIN_AGE_S),
         (UNLIKELY, bool(squares) and chi2.sf(sum(squares), len(squares)) < config.integrity.doubt_risk),
     )
@@ -112,7 +114,7 @@ def protection_levels(
         belief: of the present.
         at_m: where the height is given, m along the runway.
         has_ramp: whether the distance is known.
-        shared_sigma: (11,) as stated.
+        shared_sigma: (13,) as stated.
         config: limits.
     """
     test, size = config.integrity, len(shared_sigma)

@@ -35,7 +35,7 @@ class Innovation:
     """Measured minus expected, with how it depends on the states."""
 
     residuals: Array  # (m,)
-    design: Array  # (m, 23)
+    design: Array  # (m, 25)
     variance: Array  # (m,) of the measurement alone
 
     def __add__(self, other: "Innovation") -> "Innovation":
@@ -124,6 +124,21 @@ def horizon_innovation(belief: Belief, sight: HorizonSight, mount: Mount) -> Inn
 def cross(a: Array, b: Array) -> Array:
     """Cross products (..., 3); numpy's own takes ten times as long for a few vectors."""
     return a[..., [1, 2, 0]] * b[..., [2, 0, 1]] - a[..., [2, 0, 1]] * b[..., [1, 2, 0]]
+
+
+def attitude_innovation(belief: Belief, level_from_body: Array, white_rad: float) -> Innovation:
+    """Of roll and pitch as a sensor has them, rad: how far its vertical is off the belief's.
+
+    Args:
+        belief: of the present.
+        level_from_body: (3, 3) of the sensor; its heading does not matter.
+        white_rad: 1-sigma of its noise that is new in every frame.
+    """
+    down = belief.rotation @ level_from_body[2]  # the sensor's vertical in the runway's frame
+    design = np.zeros((2, States.SIZE))
+    design[:, States.ATTITUDE] = [[0.0, down[2], -down[1]], [-down[2], 0.0, down[0]]]
+    design[[0, 1], [States.LEVEL_Y, States.LEVEL_X]] = 1.0, -1.0
+    return Innovation(-down[:2], design, np.full(2, white_rad**2))
 
 
 def _correct(rays: Array, mean: Array) -> Array:

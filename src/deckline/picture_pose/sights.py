@@ -42,6 +42,30 @@ class HorizonSight:
     """1-sigma of the slope."""
 
 
+@dataclass(frozen=True, eq=False)
+class LevelSight:
+    """What shows roll and pitch in one frame."""
+
+    horizon: HorizonSight | None = None
+    """In its picture."""
+    attitude: Array | None = None
+    """(3, 3) level_from_body of a sensor."""
+    white_rad: float = 0.0
+    """1-sigma of the sensor's noise that is new in every frame."""
+
+    @property
+    def is_known(self) -> bool:
+        """Whether either is there."""
+        return self.horizon is not None or self.attitude is not None
+
+    @property
+    def roll_rad(self) -> float:
+        """About where the roll is: the sensor's, else the horizon's, else level."""
+        if self.attitude is not None:
+            return float(np.arctan2(self.attitude[2, 1], self.attitude[2, 2]))
+        return 0.0 if self.horizon is None else -float(np.arctan(self.horizon.slope))
+
+
 def sight_lines(camera: Camera, detection: Detection, pixel_lines: dict[str, PixelLine]) -> dict[str, LineSight]:
     """The edge lines that a picture shows; a line without a direction is left out.
 

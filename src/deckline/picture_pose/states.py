@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from deckline.config import RunConfig
+from deckline.config import RunConfig, Sensors
 from deckline.geometry import Camera
 
 Array = NDArray[np.float64]
@@ -37,9 +37,10 @@ class States:
     ANGLE = 18  # right line's azimuth minus left line's, rad; its mean includes what is stated
     SLOPE, CANT = 19, 20  # of the deck's z along the lines and to their right, rad
     LEFT, RIGHT = 21, 22  # lateral error of the painted lines, m
-    SHARED = slice(12, 23)
+    LEVEL_X, LEVEL_Y = 23, 24  # error of an attitude sensor about the runway's x and y, rad
+    SHARED = slice(12, 25)
 
-    SIZE = 23
+    SIZE = 25
 
 
 # Prior 1-sigma.
@@ -60,9 +61,11 @@ POINT_PER_FOCAL = 0.1  # error of the principal point, focal lengths, per share 
 ACCELERATION_M_S15 = np.array([2.0, 1.0, 1.0])  # density along, across and down; 2: 0.2 g for a second
 TURN_TIME_S = 0.7  # over which a rate of turn is forgotten
 HORIZON_TIME_S, SLOPE_TIME_S, CANT_TIME_S = 20.0, 3.0, 5.0  # over which these errors change; deck: a quarter period
+LEVEL_TIME_S = Sensors().drift_s  # the same of an attitude sensor
 FIXED = np.inf
 FORGETTING_S = np.array(  # of States.SHARED
-    [FIXED, FIXED, FIXED, HORIZON_TIME_S, HORIZON_TIME_S, FIXED, FIXED, SLOPE_TIME_S, CANT_TIME_S, FIXED, FIXED]
+    [*3 * [FIXED], HORIZON_TIME_S, HORIZON_TIME_S, FIXED, FIXED, SLOPE_TIME_S, CANT_TIME_S, FIXED, FIXED]
+    + 2 * [LEVEL_TIME_S]
 )
 
 
@@ -72,8 +75,8 @@ class Belief:
 
     time_s: float
     rotation: Array  # (3, 3) runway_from_body
-    mean: Array  # (23,); ATTITUDE of it is 0
-    covariance: Array  # (23, 23)
+    mean: Array  # (25,); ATTITUDE of it is 0
+    covariance: Array  # (25, 25)
 
     @property
     def width_m(self) -> float:
@@ -93,7 +96,7 @@ class Belief:
 
     @property
     def heading_row(self) -> Array:
-        """(23,) change of the nose's azimuth, rad, with the states."""
+        """(25,) change of the nose's azimuth, rad, with the states."""
         nose = self.rotation[:, 0]
         row = np.zeros(States.SIZE)
         x, y, z = nose / np.hypot(nose[0], nose[1])
@@ -101,7 +104,7 @@ class Belief:
         return row
 
     def move(self, step: Array, covariance: Array) -> "Belief":
-        """The belief after a step (23,) of its mean, with another covariance (23, 23)."""
+        """The belief after a step (25,) of its mean, with another covariance (25, 25)."""
         mean = self.mean + step
         turn = Rotation.from_rotvec(mean[States.ATTITUDE]).as_matrix()
         mean[States.ATTITUDE] = 0.0
@@ -109,7 +112,7 @@ class Belief:
 
 
 def shared_sigmas(camera: Camera, config: RunConfig) -> Array:
-    """1-sigma (11,) of `States.SHARED` as stated."""
+    """1-sigma (13,) of `States.SHARED` as stated."""
     sensors, deck = config.sensors, config.deck
     focal = sensors.focal_fraction if camera.focal_sigma is None else camera.focal_sigma
     point = max(sensors.attitude_rad, POINT_PER_FOCAL * focal)
@@ -117,7 +120,9 @@ def shared_sigmas(camera: Camera, config: RunConfig) -> Array:
     horizon = HORIZON_UP_SIGMA_RAD, HORIZON_TILT_SIGMA_RAD
     slopes = deck.motion.pitch_rad, deck.motion.roll_rad
     bias = sensors.line_bias_m
-    return np.maximum([focal, point, point, *horizon, width, deck.angle_sigma_rad, *slopes, bias, bias], 1e-6)
+    level = sensors.attitude_rad
+    sigmas = [focal, point, point, *horizon, width, deck.angle_sigma_rad, *slopes, bias, bias, level, level]
+    return np.maximum(sigmas, 1e-6)
 
 
 def initial_belief(time_s: float, rotation: Array, place_m: Array, shared_sigma: Array, config: RunConfig) -> Belief:
@@ -161,7 +166,7 @@ def predict(belief: Belief, time_s: float, shared_sigma: Array) -> Belief:
 
 
 def line_rows(belief: Belief, at_m: float) -> Array:
-    """Rows (3, 23): change of a line's offset, azimuth and z at a place, as the aircraft sees it, with the states."""
+    """Rows (3, 25): change of a line's offset, azimuth and z at a place, as the aircraft sees it, with the states."""
     ahead = float(belief.mean[States.DISTANCE]) + at_m
     rows = np.zeros((3, States.SIZE))
     rows[1] = -belief.heading_row

@@ -21,6 +21,7 @@ from deckline.picture_pose.fit import fit_pose
 from deckline.picture_pose.integrity import bias_flag, unverified_reasons
 from deckline.picture_pose.model import (
     Mount,
+    attitude_innovation,
     distance2,
     horizon_innovation,
     lines_innovation,
@@ -28,7 +29,7 @@ from deckline.picture_pose.model import (
     update,
 )
 from deckline.picture_pose.ramp import RampSight, sight_ramp
-from deckline.picture_pose.sights import HorizonSight, LineSight, sight_horizon, sight_lines
+from deckline.picture_pose.sights import HorizonSight, LevelSight, LineSight, sight_horizon, sight_lines
 from deckline.picture_pose.states import (
     CLOSING_SIGMA_M_S,
     USUAL_WIDTH_M,
@@ -65,6 +66,7 @@ class Sighting:
     time_s: float
     lines: dict[str, LineSight]
     ramp: RampSight | None
+    level: LevelSight
     times: float  # of the variances: frames close together count as one
 
 
@@ -88,8 +90,9 @@ class Picture:
     detection: Detection
     estimate: RunwayEstimate
     sights: dict[str, LineSight]  # of the edge lines that may be used
-    shared: Array  # (11,) 1-sigma of `States.SHARED` as stated
+    shared: Array  # (13,) 1-sigma of `States.SHARED` as stated
     mount: Mount
+    level: LevelSight  # the sensor's attitude, if there is one
     flags: Diagnostics  # of the monitors
 
 
@@ -106,6 +109,7 @@ class _Memory:
     agreed_s: float = -np.inf  # time of the last horizon that agreed
     excluded_s: dict[Reason, float] = field(default_factory=dict)  # since when a line is left out
     horizon_flag: Diagnostic | None = None
+    level_flag: Diagnostic | None = None
     anchor: Belief | None = None  # at the frame whose horizon is searched, with its lines
     since: list[Sighting] = field(default_factory=list)  # of the frames after it
 
@@ -197,7 +201,9 @@ class PictureTracker:
         sights = sight_lines(frame.camera, detection, estimate.pixel_lines) if is_usable else {}
         self._shared = shared_sigmas(frame.camera, self.config)
         mount = Mount.of(frame.body_from_camera)
-        return Picture(frame, detection, estimate, sights, self._shared, mount, flags)
+        attitude = None if frame.level_from_body is None else frame.level_from_body.as_matrix()
+        level = LevelSight(None, attitude, self.config.sensors.attitude_white_rad)
+        return Picture(frame, detection, estimate, sights, self._shared, mount, level, flags)
 
     def forecast(self) -> "PictureForecast | None":
         """Predicts where the aircraft is after the last frame; None without a track, and in runway widths."""
@@ -210,25 +216,25 @@ class PictureTracker:
         """One frame for itself: its horizon is found at once."""
         frame, estimate, config = picture.frame, picture.estimate, self.config
         found = find_horizon(frame.image_rgb) if len(picture.sights) == len(SIDES) else None
-        horizon = _sight_horizon(frame.camera, found)
-        belief = self._fit(picture, horizon)
+        level = replace(picture.level, horizon=_sight_horizon(frame.camera, found))
+        belief = self._fit(picture, level)
         if isinstance(belief, Diagnostic) and belief.reason is Reason.ATTITUDE:
-            horizon, belief = None, self._fit(picture, None)
+            level, belief = LevelSight(), self._fit(picture, LevelSight())
         if isinstance(belief, Diagnostic):
             return PictureAnswer(given, replace(estimate, diagnostics=(*estimate.diagnostics, belief)), None)
         ramp = sight_ramp(frame, picture.detection, estimate, belief, config)
         if ramp is not None:
             belief = _start_ramp(belief, ramp, picture.mount)
-        doubts = unverified_reasons(belief, 0.0, horizon is not None, picture.shared, config)
+        doubts = unverified_reasons(belief, 0.0, level.is_known, picture.shared, config)
         lines = estimate_of(estimate, belief, ramp is not None, config)
         lines = replace(lines, diagnostics=(*lines.diagnostics, *doubts))
         track = track_of(belief, TrackState.TRACKING, ramp is not None, picture.shared, config)
         placed, lines, _ = self._in_unit(with_pose(frame, belief), lines, track)
         return PictureAnswer(placed, lines, None)
 
-    def _fit(self, picture: Picture, horizon: HorizonSight | None) -> Belief | Diagnostic:
+    def _fit(self, picture: Picture, level: LevelSight) -> Belief | Diagnostic:
         """The pose by one picture alone."""
-        return fit_pose(picture.frame.time_s, picture.sights, horizon, picture.mount, picture.shared, self.config)
+        return fit_pose(picture.frame.time_s, picture.sights, level, picture.mount, picture.shared, self.config)
 
     def _advance(self, picture: Picture) -> Diagnostics:
         """The memory after the lines of one more frame; returns why it is lost or began anew."""
@@ -252,10 +258,11 @@ class PictureTracker:
         self._memory = None
         if not picture.sights:
             return ()
-        belief, time_s = self._fit(picture, None), picture.frame.time_s
+        belief, time_s = self._fit(picture, picture.level), picture.frame.time_s
         if isinstance(belief, Diagnostic):
             return (belief,)
-        self._memory = _Memory(belief, time_s, time_s, time_s)
+        agreed_s = -np.inf if picture.level.attitude is None else time_s
+        self._memory = _Memory(belief, time_s, time_s, time_s, agreed_s=agreed_s)
         ramp = sight_ramp(picture.frame, picture.detection, picture.estimate, belief, self.config)
         if ramp is not None:
             self._memory.belief, self._memory.has_ramp = _start_ramp(belief, ramp, picture.mount), True
@@ -265,13 +272,28 @@ class PictureTracker:
         """Update with the lines that passed the gate, and with the ramp now and then."""
         time_s = picture.frame.time_s
         times = max(1.0, CORRELATION_TIME_S / max(step_s, MIN_STEP_S))
-        sighting = Sighting(time_s, lines, None, times)
+        level = self._select_level(memory, picture)
+        sighting = Sighting(time_s, lines, None, level, times)
         memory.belief = _update_lines(memory.belief, sighting, picture.mount)
         memory.seen_s = memory.consistent_s = time_s
         if len(lines) == len(SIDES) and time_s - memory.ramp_s >= RAMP_EVERY_S:
             sighting = replace(sighting, ramp=self._use_ramp(memory, picture))
         if memory.anchor is not None:
             memory.since.append(sighting)
+
+    def _select_level(self, memory: _Memory, picture: Picture) -> LevelSight:
+        """The sensor's attitude where it agrees; a contradiction is flagged."""
+        level = picture.level
+        if level.attitude is None:
+            return level
+        innovation = attitude_innovation(memory.belief, level.attitude, level.white_rad)
+        if distance2(memory.belief, innovation) > _gate(self.config.tracking.gate_sigma, 2):
+            off = float(np.rad2deg(np.abs(innovation.residuals).max()))
+            message = f"the sensor's attitude lies {off:.1f} degrees off what lines and horizon suggest"
+            memory.level_flag = Diagnostic(Reason.ATTITUDE, message)
+            return LevelSight()
+        memory.level_flag, memory.agreed_s = None, picture.frame.time_s
+        return level
 
     def _use_ramp(self, memory: _Memory, picture: Picture) -> RampSight | None:
         """Update with the ramp that is in view; returns it with the 1-sigma that it counted with.
@@ -329,13 +351,19 @@ class PictureTracker:
     def _answer(self, memory: _Memory, picture: Picture, diagnostics: Diagnostics) -> PictureAnswer:
         frame, belief, config = picture.frame, memory.belief, self.config
         time_s, age_s = frame.time_s, frame.time_s - memory.start_s
-        has_horizon = time_s - memory.agreed_s <= HORIZON_VALID_S + ANSWER_S
+        has_level = time_s - memory.agreed_s <= HORIZON_VALID_S + ANSWER_S
         lasting = tuple(
             Diagnostic(reason, f"the {reason} line contradicts the track, for {time_s - since:.1f} s")
             for reason, since in memory.excluded_s.items()
             if time_s - since >= config.integrity.persist_s
         )
-        flags = [*lasting, memory.horizon_flag, bias_flag(belief, picture.shared, config), *picture.flags]
+        flags = [
+            *lasting,
+            memory.horizon_flag,
+            memory.level_flag,
+            bias_flag(belief, picture.shared, config),
+            *picture.flags,
+        ]
         state = TrackState.TRACKING if memory.seen_s == time_s else TrackState.COASTING
         track = replace(
             track_of(belief, state, memory.has_ramp, picture.shared, config),
@@ -343,7 +371,7 @@ class PictureTracker:
             excluded=tuple(Diagnostic(reason, f"the {reason} line is left out") for reason in memory.excluded_s),
             diagnostics=diagnostics,
             age_s=age_s,
-            doubts=unverified_reasons(belief, age_s, has_horizon, picture.shared, config),
+            doubts=unverified_reasons(belief, age_s, has_level, picture.shared, config),
         )
         self._last = track
         estimate = estimate_of(picture.estimate, belief, memory.has_ramp, config)
@@ -379,7 +407,10 @@ def _excess(belief: Belief, sights: dict[str, LineSight], mount: Mount, gate_sig
 
 
 def _update_lines(belief: Belief, sighting: Sighting, mount: Mount) -> Belief:
-    belief = update(belief, lines_innovation(belief, sighting.lines, mount).inflate(sighting.times))
+    innovation, level = lines_innovation(belief, sighting.lines, mount).inflate(sighting.times), sighting.level
+    if level.attitude is not None:
+        innovation = innovation + attitude_innovation(belief, level.attitude, level.white_rad)
+    belief = update(belief, innovation)
     if sighting.ramp is None:
         return belief
     return update(belief, ramp_innovation(belief, sighting.ramp.ray, sighting.ramp.sigma_m, mount))

@@ -16,7 +16,7 @@ from deckline.recording.airsim import ReadOptions
 from deckline.recording.camera_file import MountedCamera, make_plain_frame
 from deckline.recording.exif import camera_from_exif
 from deckline.recording.images import DEPTH_PLANAR, IMAGE_SUFFIXES, read_depth, read_image
-from deckline.recording.poses import TIMES_FILE, Poses
+from deckline.recording.poses import TIMES_FILE, Poses, attitude_only
 from deckline.recording.source import FrameError, Recording, check_index, check_number, is_inside
 from deckline.types import Frame
 
@@ -103,7 +103,8 @@ class ImageFolder(Recording):
         depth, name = None, f"{DEPTH_FOLDER}/{Path(file).stem}.pfm"
         if is_there(self.folder / name):
             depth = read_depth(self.folder / name, name, mounted.camera, *self._depth_options)
-        return mounted.frame(file, time_s, image, world_from_body=world_from_body, depth_m=depth)
+        frame = mounted.frame(file, time_s, image, world_from_body=world_from_body, depth_m=depth)
+        return frame if self._poses is None or self._poses.has_positions else attitude_only(frame)
 
     def _camera(self, file: str, width: int, height: int) -> MountedCamera | None:
         """The camera of an image: stated, or of its EXIF; None without one."""

@@ -31,6 +31,7 @@ class PoseTrack:
     max_gap_s: float  # between two poses, beyond which pictures in between have none
     offset_s: float  # the poses' clock minus the pictures' clock
     notes: tuple[str, ...] = ()
+    has_positions: bool = True  # else its poses are attitudes alone
 
     def at(self, time_s: float) -> RigidTransform | None:
         """The pose at a time of the pictures' clock: linear in position, the shortest rotation in attitude.
@@ -156,8 +157,11 @@ def read_csv_track(path: Path, navigation: Navigation, video_times_s: Array | No
             notes.append(
                 f"{path}: the video's frames and these rows drift apart by {np.ptp(ahead):.3f} s: time_s counts"
             )
-    quaternions = columns.quaternions(values[:, 4:])
-    track = make_track(str(path), times, values[:, 1:4], quaternions, navigation, notes)
+    size = len(columns.position)
+    quaternions, places = columns.quaternions(values[:, 1 + size :]), values[:, 1 : 1 + size]
+    track = make_track(str(path), times, places if size else np.zeros((len(values), 3)), quaternions, navigation, notes)
+    if not size:
+        return replace(track, has_positions=False)
     return place_in_world(track, navigation.origin) if columns.is_geodetic else track
 
 

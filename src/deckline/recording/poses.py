@@ -4,12 +4,13 @@ poses.csv has a header; its columns are in any order. time_s: the poses' clock. 
 is North-East-Down or any right-handed forward-right-down frame; or lat_deg, lon_deg, alt_m (lat, lon, alt; latitude,
 longitude, altitude): degrees, and metres up. qw, qx, qy, qz: world_from_body as a quaternion; or roll_deg, pitch_deg,
 yaw_deg (or roll_rad, pitch_rad, yaw_rad): yaw about down, then pitch (nose up is positive), then roll (right wing down
-is positive), from North-East-Down to the body's forward-right-down. With a column `file` in a folder of images a row
+is positive), from North-East-Down to the body's forward-right-down. Without any position the table gives roll and pitch
+alone, for a pose that the picture gives. With a column `file` in a folder of images a row
 belongs to the image of this name, and its pose may be empty; otherwise rows go by time (`pose_track`).
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from deckline.geometry import pose
 from deckline.recording.geodesy import check_geodetic, ned_from_geodetic
 from deckline.recording.source import check_number
 from deckline.recording.text_table import Cells, TextTable, parse_number, read_table
+from deckline.types import Frame
 
 Array = NDArray[np.float64]
 POSES_FILE = "poses.csv"
@@ -37,7 +39,7 @@ class PoseColumns:
     """The columns of a table that hold poses."""
 
     position: tuple[str, ...]
-    """POSITION or GEODETIC."""
+    """POSITION or GEODETIC; empty: attitudes alone."""
     attitude: tuple[str, ...]
     """QUATERNION, ANGLES_DEG or ANGLES_RAD."""
 
@@ -66,8 +68,10 @@ def choose_columns(table: TextTable, *others: str) -> tuple[PoseColumns, list[st
         others: further columns that must be there.
     """
     header = set(table.header)
-    position = GEODETIC if header.issuperset(GEODETIC) else POSITION
+    position: tuple[str, ...] = GEODETIC if header.issuperset(GEODETIC) else POSITION
     attitude = next((names for names in (ANGLES_DEG, ANGLES_RAD) if header.issuperset(names)), QUATERNION)
+    if not header & {*GEODETIC, *POSITION} and (attitude != QUATERNION or header.issuperset(QUATERNION)):
+        position = ()
     columns = PoseColumns(position, QUATERNION if header.issuperset(QUATERNION) else attitude)
     return columns, table.require((*others, *columns.names), ("file",), CHOICES)
 
@@ -112,6 +116,11 @@ class Poses:
         except ValueError as error:
             raise ValueError(f"{self.table.path} line {line}: {error}") from None
 
+    @property
+    def has_positions(self) -> bool:
+        """Whether its poses are more than attitudes."""
+        return bool(self.columns.position)
+
     def times(self, files: Sequence[str]) -> Array:
         """Times of images (N,), s; NaN without one."""
         times = self.table.numbers(["time_s"])[:, 0]
@@ -119,10 +128,11 @@ class Poses:
 
     def _read(self, cells: Cells) -> tuple[float, RigidTransform]:
         time_s, *values = read_numbers(cells, self.columns.names)
-        attitude = values[3:]
+        size = len(self.columns.position)
+        place, attitude = values[:size] or [0.0, 0.0, 0.0], values[size:]
         if self.columns.attitude != QUATERNION:
             attitude = [check_number(angle, name) for angle, name in zip(attitude, self.columns.attitude, strict=True)]
-        placed = pose(values[:3], self.columns.quaternions(np.array([attitude]))[0])
+        placed = pose(place, self.columns.quaternions(np.array([attitude]))[0])
         if self.origin is not None:
             check_geodetic(placed.translation[None])
             positions, rotations = ned_from_geodetic(placed.translation[None], placed.rotation, self.origin)
@@ -149,6 +159,12 @@ def read_poses(path: Path, origin: tuple[float, float, float] | None = None) -> 
             origin = (float(known[0, 0]), float(known[0, 1]), float(known[0, 2]))
             notes.append(note_origin(str(path), origin))
     return Poses(table, columns, table.index_files(), origin if columns.is_geodetic else None, tuple(notes))
+
+
+def attitude_only(frame: Frame) -> Frame:
+    """A frame whose pose is an attitude without a place."""
+    pose = frame.world_from_body
+    return replace(frame, world_from_body=None, level_from_body=None if pose is None else pose.rotation)
 
 
 def note_origin(name: str, origin: Sequence[float]) -> str:

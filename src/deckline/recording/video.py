@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from deckline.files import MOST_PIXELS, check_regular, check_size
 from deckline.recording.camera_file import MountedCamera, make_plain_frame
 from deckline.recording.pose_track import PoseTrack
+from deckline.recording.poses import attitude_only
 from deckline.recording.source import BadFrame, FrameError, Recording, RecordingError, check_index
 from deckline.types import Frame
 
@@ -115,7 +116,8 @@ class Video(Recording):
             return make_plain_frame(file, time_s, image)
         try:
             mounted = self._mounted.fit(image.shape[1], image.shape[0])
-            return mounted.frame(file, time_s, image, world_from_body=world_from_body)
+            frame = mounted.frame(file, time_s, image, world_from_body=world_from_body)
+            return frame if self._poses is None or self._poses.has_positions else attitude_only(frame)
         except ValueError as error:
             raise FrameError(file, str(error)) from None
 
