@@ -16,7 +16,7 @@ from deckline.config import RunConfig
 from deckline.dehaze.horizon import Horizon, NoHorizon, find_horizon
 from deckline.dehaze.horizon_search import ANSWER_S, HorizonSearch
 from deckline.geometry import Camera
-from deckline.picture_pose.answer import estimate_of, in_widths, track_of, with_pose
+from deckline.picture_pose.answer import estimate_of, in_widths, track_of, with_camera, with_pose
 from deckline.picture_pose.fit import fit_pose
 from deckline.picture_pose.integrity import bias_flag, unverified_reasons
 from deckline.picture_pose.model import (
@@ -229,7 +229,7 @@ class PictureTracker:
         lines = estimate_of(estimate, belief, ramp is not None, config)
         lines = replace(lines, diagnostics=(*lines.diagnostics, *doubts))
         track = track_of(belief, TrackState.TRACKING, ramp is not None, picture.shared, config)
-        placed, lines, _ = self._in_unit(with_pose(frame, belief), lines, track)
+        placed, lines, _ = self._in_unit(with_pose(with_camera(frame, belief), belief), lines, track)
         return PictureAnswer(placed, lines, None)
 
     def _fit(self, picture: Picture, level: LevelSight) -> Belief | Diagnostic:
@@ -375,7 +375,7 @@ class PictureTracker:
         )
         self._last = track
         estimate = estimate_of(picture.estimate, belief, memory.has_ramp, config)
-        return PictureAnswer(*self._in_unit(with_pose(frame, belief), estimate, track))
+        return PictureAnswer(*self._in_unit(with_pose(with_camera(frame, belief), belief), estimate, track))
 
     def _in_unit(self, frame: Frame, estimate: RunwayEstimate, track: Track) -> tuple[Frame, RunwayEstimate, Track]:
         """In metres where the width is stated, else in runway widths."""

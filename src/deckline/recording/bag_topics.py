@@ -226,7 +226,8 @@ def open_bag(
                 notes.append(f"{path}: no transform from {body} to {frame!r}: the camera is taken to point forward")
     track = track if track is not None else _read_track(path, sources, found, body, navigation)
     times = np.array(found.times_s[pictures.name])
-    notes += [f"{path}: no poses: the pictures alone say where the aircraft is"] if track is None else track.notes_on(times)
+    no_poses = (f"{path}: no poses: the pictures alone say where the aircraft is",)
+    notes += no_poses if track is None else track.notes_on(times)
     if mounted is not None and isinstance(mount, RigidTransform):
         mounted, mount = replace(mounted, body_from_camera=mount), None
     if mounted is not None:
