@@ -20,7 +20,7 @@ from deckline.live.clock import WallClock
 from deckline.live.folder import FlightRecorder, open_output
 from deckline.live.opening import is_camera
 from deckline.live.pipeline import STALE_S, LiveSession, Outputs
-from deckline.live.poses import PoseSource, UdpPoses
+from deckline.live.poses import PoseLookup, UdpPoses
 from deckline.live.source import LiveSource, Playback
 from deckline.options import RunOptions
 from deckline.report.records import Record
@@ -151,7 +151,7 @@ def _open_poses(
     config: RunConfig,
     wall: WallClock,
     stack: ExitStack,
-) -> PoseSource | None:
+) -> PoseLookup | None:
     """Poses of a camera's pictures; None of those without, and of recordings and simulators, which have their own.
 
     Raises:
@@ -168,7 +168,7 @@ def _open_poses(
     return stack.enter_context(closing(UdpPoses(poses, config.navigation, wall)))
 
 
-def _pose_losses(poses: PoseSource | None) -> list[str]:
+def _pose_losses(poses: PoseLookup | None) -> list[str]:
     if not isinstance(poses, UdpPoses) or not poses.refused:
         return []
     return [f"{poses.refused} poses refused; the last one: {poses.reason}"]

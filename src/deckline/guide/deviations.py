@@ -8,6 +8,8 @@ from scipy.spatial.transform import RigidTransform
 from deckline.config import Approach
 from deckline.geometry import wrap_angle
 from deckline.types import (
+    ASSUMED_CAMERA,
+    MAX_FOCAL_SIGMA,
     DepthMode,
     Diagnostic,
     Diagnostics,
@@ -65,6 +67,8 @@ def guidance(frame: Frame, estimate: RunwayEstimate, track: Track | None, approa
     doubts: Diagnostics = () if scale_sources or by_picture else (NO_SCALE,)
     if track is None and by_picture:
         doubts = (ONE_FRAME,)
+    elif not by_picture and (frame.camera.focal_sigma or 0.0) > MAX_FOCAL_SIGMA:
+        doubts += (ASSUMED_CAMERA,)  # levels rest on the sensors' 1-sigma, not on the camera's
     if track is not None:
         doubts += track.doubts if track.lines else (ONE_FRAME,)
     base = Guidance(

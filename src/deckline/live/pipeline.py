@@ -12,7 +12,7 @@ from deckline.flight import Flight, FrameResult
 from deckline.live.clock import WallClock
 from deckline.live.mailbox import Mailbox
 from deckline.live.messages import NO_FRAME, Answer, FrameCounts, answer_record, stale_record
-from deckline.live.poses import PoseSource
+from deckline.live.poses import PoseLookup
 from deckline.live.recorder import round_pose
 from deckline.live.source import Captured, LiveSource, Log
 from deckline.recording import BadFrame
@@ -89,7 +89,7 @@ class LiveSession:
         flight: Flight,
         outputs: Outputs,
         *,
-        poses: PoseSource | None = None,
+        poses: PoseLookup | None = None,
         wall: WallClock | None = None,
         stale_s: float = STALE_S,
     ) -> None:

@@ -1,6 +1,6 @@
 """Poses of the aircraft in flight.
 
-A `PoseSource` is any callable from a time to a pose, such as an autopilot's link.
+A `PoseLookup` is any callable from a time to a pose, such as an autopilot's link.
 """
 
 import json
@@ -23,7 +23,7 @@ from deckline.recording.pose_track import PoseTrack
 from deckline.recording.poses import NUMBERS
 from deckline.recording.source import check_number
 
-PoseSource = Callable[[float], RigidTransform | None]  # Unix time, s -> world_from_body; None: not known
+PoseLookup = Callable[[float], RigidTransform | None]  # Unix time, s -> world_from_body; None: not known
 CAPACITY = 4000  # poses: ten seconds at 400 a second
 FUTURE_S = 0.1  # of a pose's time after its arrival, beyond which its clock is wrong
 WAIT_S = 0.1  # for the pose after a picture, at most
@@ -75,7 +75,7 @@ class PoseBuffer:
 
 
 class UdpPoses:
-    """A `PoseSource`: JSON lines over UDP, interpolated as the poses of a recording are; a context manager.
+    """A `PoseLookup`: JSON lines over UDP, interpolated as the poses of a recording are; a context manager.
 
     A line is an object with the keys of poses.csv: time_s (Unix time), x_m, y_m, z_m, qw, qx, qy, qz. Poses from the
     future, of a second sender, or not later than the last one are refused; a clock that steps back by more than the

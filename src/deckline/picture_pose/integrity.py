@@ -14,12 +14,11 @@ from scipy.stats import chi2, norm
 
 from deckline.config import RunConfig
 from deckline.picture_pose.states import Belief, States, line_rows
-from deckline.types import Diagnostic, Diagnostics, Protection, Reason
+from deckline.types import ASSUMED_CAMERA, MAX_FOCAL_SIGMA, Diagnostic, Diagnostics, Protection, Reason
 
 Array = NDArray[np.float64]
 OBSERVED_SHARE = 0.1  # of a prior's variance that must be gone before its estimate is tested
 MIN_AGE_S = 1.0  # of a track, before it counts as able to show contradictions
-MAX_FOCAL_SIGMA = 0.02  # share; of a camera whose focal length counts as stated
 MESSAGES = {
     States.FOCAL: (Reason.FOCAL, 100.0, "the focal length seems {:+.1f} % wrong"),
     States.CX: (Reason.BORESIGHT, 100.0, "the principal point seems {:+.1f} % of the focal length off, sideways"),
@@ -44,9 +43,6 @@ UNLIKELY = Diagnostic(Reason.UNLIKELY_ERRORS, "the errors of camera, horizon and
 NO_HORIZON = Diagnostic(Reason.NO_HORIZON, "neither a horizon nor an attitude confirms the roll that the lines suggest")
 NO_WIDTH = Diagnostic(
     Reason.NO_WIDTH, "the picture gives lengths in runway widths: state --runway-width-m to have metres"
-)
-ASSUMED_CAMERA = Diagnostic(
-    Reason.ASSUMED_CAMERA, "the camera's focal length is assumed: pass camera.toml beside the recording, or --fov-deg"
 )
 
 

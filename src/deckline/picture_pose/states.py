@@ -48,7 +48,8 @@ PLACE_SIGMA_M = 1000.0  # across and up
 # Of the ramp about the nearest visible part of the lines, until it is seen itself: what is stated of the width and of
 # the angle between the lines holds there.
 RAMP_SIGMA_M, RAMP_SIGMA_SHARE = 20.0, 0.3
-CLOSING_M_S, CLOSING_SIGMA_M_S = 35.0, 35.0  # of an unknown approach: hovering to 70 m/s
+# Of an unknown approach: hovering to 70 m/s; half as fast or thrice where width and focal length are assumed.
+CLOSING_M_S, CLOSING_SIGMA_M_S = 50.0, 100.0
 SIDE_SIGMA_M_S = 5.0  # of lateral and vertical speed
 PITCH_SIGMA_RAD, HEADING_SIGMA_RAD = np.deg2rad([15.0, 20.0])  # of a camera that sees a runway ahead
 TURN_SIGMA_RAD_S = float(np.deg2rad(3.0))  # about each axis; an approach in gusts

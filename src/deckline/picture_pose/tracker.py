@@ -31,7 +31,7 @@ from deckline.picture_pose.model import (
 from deckline.picture_pose.ramp import RampSight, sight_ramp
 from deckline.picture_pose.sights import HorizonSight, LevelSight, LineSight, sight_horizon, sight_lines
 from deckline.picture_pose.states import (
-    CLOSING_SIGMA_M_S,
+    PLACE_SIGMA_M,
     USUAL_WIDTH_M,
     Belief,
     States,
@@ -418,10 +418,9 @@ def _update_lines(belief: Belief, sighting: Sighting, mount: Mount) -> Belief:
 
 def _start_ramp(belief: Belief, ramp: RampSight, mount: Mount) -> Belief:
     """The belief with the origin of its frame moved to a ramp that is seen for the first time, or nearer."""
-    innovation = ramp_innovation(belief, ramp.ray, ramp.sigma_m, mount)
     moved = belief.covariance.copy()
     moved[States.DISTANCE], moved[:, States.DISTANCE] = 0.0, 0.0
-    moved[States.DISTANCE, States.DISTANCE] = float(innovation.residuals[0]) ** 2 + CLOSING_SIGMA_M_S**2
+    moved[States.DISTANCE, States.DISTANCE] = PLACE_SIGMA_M**2
     return update(replace(belief, covariance=moved), ramp_innovation(belief, ramp.ray, ramp.sigma_m, mount))
 
 

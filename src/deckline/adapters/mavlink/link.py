@@ -40,7 +40,7 @@ GLOBAL, ORIGIN = mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT, mavlink.MAVLINK_MSG
 
 
 class Link:
-    """Sends guidance to the first autopilot of a firmware on the link, and is a `PoseSource` of its poses.
+    """Sends guidance to the first autopilot of a firmware on the link, and is a `PoseLookup` of its poses.
 
     Only `ok` guidance is sent as LANDING_TARGET, and as a ship's beacon where the world's origin is known; every change
     of status or flags is a STATUSTEXT. Other systems, other firmwares, and data that are not MAVLink are ignored.
