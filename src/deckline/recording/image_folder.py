@@ -50,6 +50,7 @@ class ImageFolder(Recording):
         self.name = str(folder if files is None else folder / files[0])
         self._mounted = mounted
         self._poses = poses
+        self.pose_track = None if isinstance(poses, Poses) else poses
         self._times = times_s
         self._depth_options = (DEPTH_PLANAR, options.pfm_rows, options.far_m)
         named = poses.rows if isinstance(poses, Poses) else times_s or ()
