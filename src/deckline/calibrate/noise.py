@@ -15,8 +15,9 @@ from deckline.track.states import CORRELATION_TIME_S, TURN_RAD_S05
 
 Array = NDArray[np.float64]
 HORIZON_CORRELATION_S = 30.0  # haze and waves raise or lower the horizon of one approach alike; our choice
+HORIZON_COMMON = 0.5  # share of the horizon's variance that is so; our choice
 STEPS = np.array([1e-5] * 3 + [1e-3] * 4 + [1e-5] * 3)  # of the disturbances, rad and m, for numeric derivatives
-GRID = 2000  # times at which an oscillation is evaluated
+GRID = 300  # times at which an oscillation is evaluated
 FLOOR_RAD, FLOOR_M = 1e-6, 1e-4  # of sensors stated as exact
 
 
@@ -32,10 +33,11 @@ def own_covariance(view: ApproachView, point_scale: float, horizon_scale: float)
     row_sigma, slope_sigma = view.horizons[:, 1], view.horizons[:, 3] * view.camera.width
     sigma = np.concatenate([view.sigma_px * point_scale, row_sigma * horizon_scale, slope_sigma * horizon_scale])
     kind = np.concatenate([2 * view.side + view.end, np.full(searched, 4), np.full(searched, 5)])
-    correlation_s = np.where(np.arange(len(kind)) < count, CORRELATION_TIME_S, HORIZON_CORRELATION_S)
+    is_point = np.arange(len(kind)) < count
+    correlation_s, common = np.where(is_point, CORRELATION_TIME_S, HORIZON_CORRELATION_S), np.where(is_point, 1.0, HORIZON_COMMON)
     apart = np.abs(times[:, None] - times)
-    alike = np.exp(-apart / correlation_s[:, None]) * (kind[:, None] == kind)
-    return np.outer(sigma, sigma) * alike
+    alike = common[:, None] * np.exp(-apart / correlation_s[:, None]) * (kind[:, None] == kind)
+    return np.outer(sigma, sigma) * (alike + np.diag(1 - common))
 
 
 def shared_covariance(view: ApproachView, reference: Reference, state: Array, config: RunConfig) -> Array:

@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 MIN_FRAMES = 10  # with both lines
 MIN_TRAVEL_M = 30.0  # of the aircraft; a hovering one shows the same lines in every frame
-ROUNDS = 4  # of covariance, fit and outliers in turn
+ROUNDS = 3  # of covariance, fit and outliers in turn
 OUTLIER_SIGMA = 5.0  # of a residual against all others, beyond which its line or horizon is left out
 MEDIAN_TO_SIGMA = 1.4826  # of a normal distribution's sizes
 JITTER = 1e-9  # of the residuals' variance, added to their own: interpolated kernels are not exactly definite
@@ -231,7 +231,7 @@ def _fit(view: ApproachView, reference: Reference, prior: Prior, config: RunConf
         posterior, score = _posterior(view, reference, prior, factor, used, state)
         if number == ROUNDS:
             break
-        scales *= _dispersions(view, score, used)
+        scales = np.maximum(1.0, scales * _dispersions(view, score, used))
         used = used & ~_spread_outliers(view, score)
     return Fit(state, posterior, used, *(float(scale) for scale in scales))
 
@@ -275,10 +275,10 @@ def _posterior(
 
 
 def _dispersions(view: ApproachView, score: Array, used: Mask) -> Array:
-    """Dispersion (2,) of points and of horizons over what is stated, at least 1."""
+    """Dispersion (2,) of points and of horizons over their assumed 1-sigma."""
     is_point = np.arange(len(score)) < len(view.frame)
     parts = [np.abs(score[used & is_point]), np.abs(score[used & ~is_point])]
-    return np.array([max(1.0, MEDIAN_TO_SIGMA * float(np.median(part))) if len(part) else 1.0 for part in parts])
+    return np.array([MEDIAN_TO_SIGMA * float(np.median(part)) if len(part) else 1.0 for part in parts])
 
 
 def _spread_outliers(view: ApproachView, score: Array) -> Mask:

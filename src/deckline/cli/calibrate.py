@@ -55,10 +55,10 @@ def calibrate(
         view = observe_approach(source, flight)
     calibration = solve(view, config, tuple("focal length" if name == "focal" else name for name in hold))
     offset_s = None if source.pose_track is None else source.pose_track.offset_s
-    print("\n".join(describe(calibration, offset_s)))
     with name_in_errors(out):
-        for path in write_calibration(out, view, calibration, config, offset_s):
-            print(printable(path))
+        written = write_calibration(out, view, calibration, config, offset_s)
+    for line in (*describe(calibration, offset_s), *written):
+        print(printable(line))
     return 0
 
 
