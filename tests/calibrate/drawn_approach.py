@@ -31,10 +31,11 @@ class Off:
     cy_px: float = 0.0
     delay_s: float = 0.0  # of the pose behind the picture
 
-    def camera(self) -> Camera:
+    def camera(self, distortion: tuple[float, ...]) -> Camera:
         scale = 1.0 + self.focal
         return replace(
             STATED,
+            distortion=distortion,
             fx=STATED.fx * scale,
             fy=STATED.fy * scale,
             cx=STATED.cx + self.cx_px,
@@ -48,7 +49,7 @@ class Off:
 
 @dataclass(frozen=True)
 class Drawn:
-    """An approach. Everything random follows from the seed; `errors` scales all that CONFIG's sensors and deck state."""
+    """An approach. The seed draws everything random; `errors` scales all that sensors and deck of CONFIG state."""
 
     off: Off = field(default_factory=Off)
     seed: int = 0
@@ -59,7 +60,8 @@ class Drawn:
     frames: int = 45
     sides: tuple[str, ...] = ("left", "right")
     drift_m_s: float = 0.0
-    horizon: bool = True
+    shake_deg: tuple[float, float, float] = (2.0, 0.7, 0.7)  # amplitude of roll, pitch and yaw
+    distortion: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def true_pose(drawn: Drawn, time_s: float) -> RigidTransform:
@@ -69,7 +71,7 @@ def true_pose(drawn: Drawn, time_s: float) -> RigidTransform:
     ahead = -drawn.start_m + drawn.speed_m_s * time_s
     height = max((70.0 - ahead) * np.tan(np.deg2rad(3.5)) + sway[1], 3.0)
     position = RAMP + ahead * ALONG + 3.0 * sway[0] * RIGHT - [0.0, 0.0, height]
-    roll, pitch, yaw = np.deg2rad([2.0, 0.7, 0.7]) * sway[2:]
+    roll, pitch, yaw = np.deg2rad(drawn.shake_deg) * sway[2:]
     return RigidTransform.from_components(position, attitude(roll, pitch - 0.04, AZIMUTH + yaw))
 
 
@@ -92,9 +94,10 @@ def draw_approach(drawn: Drawn, config: RunConfig = CONFIG) -> ApproachView:
         moved = true.translation + shift + size * rng.normal(0, sensors.position_white_m, 3)
         return RigidTransform.from_components(moved, wrong * true.rotation)
 
+    camera = replace(STATED, distortion=drawn.distortion)
     frames, lines, horizons = [], [], []
     for time_s in times:
-        frame = Frame("", time_s, BLANK, STATED, MOUNT, world_from_body=measured(time_s), deck_z_m=deck_z, sea_z_m=0.0)
+        frame = Frame("", time_s, BLANK, camera, MOUNT, world_from_body=measured(time_s), deck_z_m=deck_z, sea_z_m=0.0)
         heave, pitch, roll = swing * np.sin(2 * np.pi * time_s / np.array([12.0, 12.0, 22.0]) + phase)
         optical = true_pose(drawn, time_s) * drawn.off.mount()
         found = {}
@@ -104,7 +107,7 @@ def draw_approach(drawn: Drawn, config: RunConfig = CONFIG) -> ApproachView:
             points[:, 2] += heave + pitch * along[:, 0] + roll * sign * WIDTH_M
             found[side] = _see(points, optical, drawn, rng) if side in drawn.sides else LinePoints.empty()
         lines += [(len(frames), *line) for line in line_ends(Detection(**found), frame)]
-        if drawn.horizon and len(frames) % 5 == 0:
+        if not camera.has_distortion and len(frames) % 5 == 0:
             horizons.append((len(frames), _horizon(optical, drawn, rng)))
         frames.append(frame)
     track = np.arange(-1.0, duration_s + 1.0, 0.05)
@@ -115,7 +118,7 @@ def draw_approach(drawn: Drawn, config: RunConfig = CONFIG) -> ApproachView:
 
 
 def _see(points: np.ndarray, optical: RigidTransform, drawn: Drawn, rng: np.random.Generator) -> LinePoints:
-    pixels = drawn.off.camera().project(optical.inv().apply(points))
+    pixels = drawn.off.camera(drawn.distortion).project(optical.inv().apply(points))
     inside = np.all((pixels > 0) & (pixels < [959, 539]), axis=1)
     pixels = pixels[inside]
     if len(pixels) < 10:
@@ -128,13 +131,11 @@ def _see(points: np.ndarray, optical: RigidTransform, drawn: Drawn, rng: np.rand
 
 def _horizon(optical: RigidTransform, drawn: Drawn, rng: np.random.Generator) -> Horizon:
     """Two far points at the height of the eye, less the dip of 40 m, within a noise of 3 px."""
-    camera = drawn.off.camera()
+    camera = drawn.off.camera(drawn.distortion)
     dip = np.sqrt(2 * -optical.translation[2] / 6.371e6)
     view = optical.rotation.apply([0.0, 0.0, 1.0])
     heading = np.arctan2(view[1], view[0])
-    ends = [
-        [np.cos(heading + turn), np.sin(heading + turn), np.tan(dip)] for turn in (-0.2, 0.2)
-    ]
+    ends = [[np.cos(heading + turn), np.sin(heading + turn), np.tan(dip)] for turn in (-0.2, 0.2)]
     (u0, v0), (u1, v1) = camera.project(optical.rotation.inv().apply(ends))
     slope = (v1 - v0) / (u1 - u0)
     middle = v0 + slope * ((camera.width - 1) / 2 - u0)

@@ -34,7 +34,10 @@ def own_covariance(view: ApproachView, point_scale: float, horizon_scale: float)
     sigma = np.concatenate([view.sigma_px * point_scale, row_sigma * horizon_scale, slope_sigma * horizon_scale])
     kind = np.concatenate([2 * view.side + view.end, np.full(searched, 4), np.full(searched, 5)])
     is_point = np.arange(len(kind)) < count
-    correlation_s, common = np.where(is_point, CORRELATION_TIME_S, HORIZON_CORRELATION_S), np.where(is_point, 1.0, HORIZON_COMMON)
+    correlation_s, common = (
+        np.where(is_point, CORRELATION_TIME_S, HORIZON_CORRELATION_S),
+        np.where(is_point, 1.0, HORIZON_COMMON),
+    )
     apart = np.abs(times[:, None] - times)
     alike = common[:, None] * np.exp(-apart / correlation_s[:, None]) * (kind[:, None] == kind)
     return np.outer(sigma, sigma) * (alike + np.diag(1 - common))

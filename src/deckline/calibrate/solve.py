@@ -35,7 +35,10 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 MIN_FRAMES = 10  # with both lines
 MIN_TRAVEL_M = 30.0  # of the aircraft; a hovering one shows the same lines in every frame
-ROUNDS = 3  # of covariance, fit and outliers in turn
+MOST_ROUNDS = 8  # of covariance, fit and outliers in turn; two or three are usual
+TOLERANCE = 1e-6  # relative, of cost and of step, that ends a fit; far below 1-sigma
+SETTLED = 0.1  # relative change of the noise's dispersion that ends the rounds
+MASKING_SHARE = 0.5  # of the largest residual
 OUTLIER_SIGMA = 5.0  # of a residual against all others, beyond which its line or horizon is left out
 MEDIAN_TO_SIGMA = 1.4826  # of a normal distribution's sizes
 JITTER = 1e-9  # of the residuals' variance, added to their own: interpolated kernels are not exactly definite
@@ -220,20 +223,28 @@ def _fit(view: ApproachView, reference: Reference, prior: Prior, config: RunConf
     """Robust fit with independent residuals, then rounds of covariance, fit and outliers."""
     used: Mask = np.ones(len(residuals_px(view, reference, state)), dtype=bool)
     scales = np.ones(2)
-    for number in range(ROUNDS + 1):
-        covariance = own_covariance(view, *scales) + shared_covariance(view, reference, state, config)
-        covariance += JITTER * np.diag(np.diag(covariance))
-        if number == 0:
-            state = _minimize(view, reference, prior, np.diag(np.sqrt(np.diag(covariance))), used, state, "soft_l1")
-            continue
-        factor: Array = np.linalg.cholesky(covariance[np.ix_(used, used)]).astype(np.float64)
+    sigma = np.sqrt(np.diag(_covariance(view, reference, state, config, scales)))
+    state = _minimize(view, reference, prior, np.diag(sigma), used, state, "soft_l1")
+    sigma = np.sqrt(np.diag(_covariance(view, reference, state, config, scales)))
+    used = ~_find_outliers(view, residuals_px(view, reference, state) / sigma)
+    for number in range(MOST_ROUNDS):
+        covariance = _covariance(view, reference, state, config, scales)[np.ix_(used, used)]
+        factor: Array = np.linalg.cholesky(covariance).astype(np.float64)
         state = _minimize(view, reference, prior, factor, used, state, "linear")
         posterior, score = _posterior(view, reference, prior, factor, used, state)
-        if number == ROUNDS:
+        outliers = _find_outliers(view, score)
+        updated = np.maximum(1.0, scales * _dispersions(view, score, used & ~outliers))
+        is_settled = not outliers.any() and np.allclose(updated, scales, rtol=SETTLED)
+        if number == MOST_ROUNDS - 1 or (number > 0 and is_settled):
             break
-        scales = np.maximum(1.0, scales * _dispersions(view, score, used))
-        used = used & ~_spread_outliers(view, score)
+        scales, used = updated, used & ~outliers
     return Fit(state, posterior, used, *(float(scale) for scale in scales))
+
+
+def _covariance(view: ApproachView, reference: Reference, state: Array, config: RunConfig, scales: Array) -> Array:
+    """Covariance (R, R) of all residuals, linearized at a state; `scales` (2,) of points and of horizons."""
+    total = own_covariance(view, *scales) + shared_covariance(view, reference, state, config)
+    return np.asarray(total + JITTER * np.diag(np.diag(total)))
 
 
 def _minimize(
@@ -244,7 +255,9 @@ def _minimize(
         white = solve_triangular(factor, residuals_px(view, reference, at)[used], lower=True)
         return np.concatenate([white, (at - prior.mean) / prior.sigma])
 
-    return np.asarray(least_squares(weighed, state / SCALES, loss=loss, x_scale="jac").x * SCALES)
+    return np.asarray(
+        least_squares(weighed, state / SCALES, loss=loss, x_scale="jac", ftol=TOLERANCE, xtol=TOLERANCE).x * SCALES
+    )
 
 
 def _posterior(
@@ -281,10 +294,14 @@ def _dispersions(view: ApproachView, score: Array, used: Mask) -> Array:
     return np.array([MEDIAN_TO_SIGMA * float(np.median(part)) if len(part) else 1.0 for part in parts])
 
 
-def _spread_outliers(view: ApproachView, score: Array) -> Mask:
-    """Outliers (R,): both points of a line with one that is far off, both numbers of such a horizon."""
+def _find_outliers(view: ApproachView, score: Array) -> Mask:
+    """Outliers (R,): both points of a line with one that is far off, both numbers of such a horizon.
+
+    A large outlier makes others of good residuals: those below half of the largest wait for the next round.
+    """
     count, searched = len(view.frame), len(view.horizon_frame)
-    far = np.abs(score) > OUTLIER_SIGMA
+    size = np.abs(score)
+    far = size > max(OUTLIER_SIGMA, MASKING_SHARE * float(size.max()))
     lines = np.repeat(far[:count].reshape(-1, 2).any(axis=1), 2)
     horizons = far[count : count + searched] | far[count + searched :]
     return np.concatenate([lines, horizons, horizons])
