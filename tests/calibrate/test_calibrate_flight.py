@@ -1,7 +1,6 @@
 """`deckline calibrate` on a rendered approach, and guidance before and after it."""
 
 import csv
-from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -67,8 +66,8 @@ def state_mount(approach, off_deg):
 
 def fly(approach, camera_file, config_file):
     """Guidance less truth (N, 3) of the `ok` frames: lateral, height, m; heading, degrees."""
-    base, folder, frames = approach
-    config = replace(read_run_config(config_file), deck=read_run_config(base / "deck.toml").deck)
+    _, folder, frames = approach
+    config = read_run_config(config_file)
     recording = open_recording(folder, camera_file=camera_file, navigation=config.navigation)
     errors = []
     with Flight.from_config(config, dehazer=lambda image: image) as flight:

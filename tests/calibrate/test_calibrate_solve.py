@@ -165,6 +165,7 @@ def test_written_files_are_read_back(tmp_path):
     assert mounted.sea_z_m == 0.0
     config = read_run_config(config_file)
     assert config.navigation.offset_s == pytest.approx(5.0 + calibration.state[6], abs=1e-6)
+    assert (config.deck, config.survey) == (CONFIG.deck, CONFIG.survey)
     assert config.sensors.focal_fraction == pytest.approx(calibration.fit.sigma[3], rel=1e-4)
     values = json.loads(json_file.read_text())
     assert values["quantities"]["pitch"]["change"] == pytest.approx(np.rad2deg(calibration.state[1]))

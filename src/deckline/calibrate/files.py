@@ -1,6 +1,7 @@
 """A calibration as text for people, as JSON, and as the configuration that `deckline run` reads."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ from deckline.calibrate.model import CAMERA_NAMES, DELAY, FOCAL, NAMES, PITCH, R
 from deckline.calibrate.observations import ApproachView
 from deckline.calibrate.solve import INSEPARABLE, Calibration, Outcome
 from deckline.config import RunConfig
+from deckline.config_file import to_toml_text
 from deckline.recording.camera_file import CAMERA_FILE, format_camera
 
 CONFIG_FILE, JSON_FILE = "calibration.toml", "calibration.json"
@@ -87,19 +89,30 @@ def write_calibration(
 
 
 def format_config(calibration: Calibration, config: RunConfig, pose_offset_s: float | None) -> str:
-    """TOML of a `RunConfig`: the poses' offset, and stated accuracies that the calibration does not reach."""
+    """TOML of what differs from the default configuration: what was stated, changed by the calibration.
+
+    That is the poses' offset, and accuracies that are stated better than the calibration reaches.
+    """
     outcomes, sigma = calibration.outcomes, calibration.fit.sigma
     estimated = [number for number in range(len(CAMERA_NAMES)) if outcomes[NAMES[number]] is Outcome.ESTIMATED]
+    is_placed = DELAY in estimated and pose_offset_s is not None
     reached = {
-        "attitude_deg": DEG
-        * max((float(sigma[number]) for number in estimated if number in (ROLL, PITCH)), default=0.0),
+        "attitude_deg": DEG * max((float(sigma[number]) for number in estimated if number in (ROLL, PITCH)), default=0),
         "focal_fraction": float(sigma[FOCAL]) if FOCAL in estimated else 0.0,
-        "delay_s": float(sigma[DELAY]) if DELAY in estimated and pose_offset_s is not None else 0.0,
+        "delay_s": float(sigma[DELAY]) if is_placed else 0.0,
     }
-    worse = {name: value for name, value in reached.items() if value > getattr(config.sensors, name)}
-    rows = ["[sensors]", *(f"{name} = {value:.6g}" for name, value in worse.items())] if worse else []
-    if DELAY in estimated and pose_offset_s is not None:
-        rows += ["[navigation]", f"offset_s = {pose_offset_s + calibration.state[DELAY]:.6f}"]
+    sensors: dict[str, Any] = {name: max(value, getattr(config.sensors, name)) for name, value in reached.items()}
+    config = replace(config, sensors=replace(config.sensors, **sensors))
+    if is_placed and pose_offset_s is not None:
+        offset_s = round(pose_offset_s + float(calibration.state[DELAY]), 6)
+        config = replace(config, navigation=replace(config.navigation, offset_s=offset_s))
+    rows: list[str] = []
+    table = ""
+    for row, default in zip(to_toml_text(config).splitlines(), to_toml_text(RunConfig()).splitlines(), strict=True):
+        if row.startswith("["):
+            table = row
+        elif row != default:
+            rows += [row] if table in rows or not table else [table, row]
     return "\n".join(rows) + "\n"
 
 
