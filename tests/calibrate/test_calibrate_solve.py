@@ -111,6 +111,17 @@ def test_a_surveyed_heading_determines_the_yaw_in_place_of_the_drift():
     assert abs(calibration.state[2] - np.deg2rad(3.0)) < 3 * calibration.fit.sigma[2] < np.deg2rad(1.5)
 
 
+def test_a_less_certain_estimate_replaces_a_stated_value_that_it_contradicts():
+    calm = Drawn(Off(focal=0.12), 11, shake_deg=(2.0, 0.2, 0.2))
+    calibration = solve(draw_approach(calm), CONFIG)
+    sigma = calibration.fit.sigma[3]
+    assert sigma > 0.02  # a fifth of the prior's
+    assert calibration.outcomes["focal length"] is ESTIMATED
+    assert abs(calibration.state[3] - np.log(1.12)) < 3 * sigma
+    right = solve(draw_approach(replace(calm, off=Off())), CONFIG)
+    assert right.outcomes["focal length"] is Outcome.UNDETERMINED
+
+
 def test_a_right_focal_length_stays_as_stated():
     calibration = solve(draw_approach(Drawn(Off((1.0, 0.0, 0.0)), 8)), CONFIG)
     assert calibration.outcomes["focal length"] is Outcome.AGREES

@@ -45,6 +45,7 @@ JITTER = 1e-9  # of the residuals' variance, added to their own: interpolated ke
 # Typical sizes (13,) that make the unknowns alike: rad, share, px, s, m, rad, m/s, m, rad, m.
 SCALES = np.array([0.01, 0.01, 0.01, 0.01, 10.0, 10.0, 0.01, 1.0, 0.01, 1.0, 1.0, 0.01, 1.0])
 DETERMINED_SHARE = 0.2  # of the prior's 1-sigma, up to which the posterior's counts as determined; our choice
+CONTRADICTED_SIGMA = 3.0  # of a less certain estimate, from which it is better than a stated value all the same
 AGREEING_SIGMA = 2.0  # between stated and estimated intrinsics, within which the stated ones stay
 INSEPARABLE = 0.95  # correlation from which two quantities are named as not separable
 HELD_SHARE = 1e-6  # of the prior's 1-sigma: of a quantity that is held exactly
@@ -149,7 +150,7 @@ def solve(view: ApproachView, config: RunConfig, hold: tuple[str, ...] = ()) -> 
     fit = free = _fit(view, reference, asked, config, state)
     held_by: dict[str, Pair] = {}
     while (number := _choose_held(fit, prior, outcomes)) is not None:
-        is_determined = fit.sigma[number] <= DETERMINED_SHARE * prior.sigma[number]
+        is_determined = _is_determined(fit, prior, number)
         outcomes[NAMES[number]] = Outcome.AGREES if is_determined else Outcome.UNDETERMINED
         if not is_determined:
             held_by[NAMES[number]] = _find_partner(fit, number)
@@ -189,11 +190,17 @@ def _hold(prior: Prior, number: int, config: RunConfig) -> Prior:
     return replace(prior, sigma=sigma)
 
 
+def _is_determined(fit: Fit, prior: Prior, number: int) -> bool:
+    """Whether a quantity is certain enough to replace what is stated."""
+    sigma = fit.sigma[number]
+    return bool(sigma <= max(DETERMINED_SHARE * prior.sigma[number], abs(fit.state[number]) / CONTRADICTED_SIGMA))
+
+
 def _choose_held(fit: Fit, prior: Prior, outcomes: dict[str, Outcome]) -> int | None:
     """The next quantity to hold as stated: one that is not determined, then an intrinsic that agrees; None: no more."""
     free = [number for number in HOLD_ORDER if outcomes[NAMES[number]] is Outcome.ESTIMATED]
     for number in free:
-        if fit.sigma[number] > DETERMINED_SHARE * prior.sigma[number]:
+        if not _is_determined(fit, prior, number):
             return number
     score = {number: abs(fit.state[number]) / fit.sigma[number] for number in free if number in (FOCAL, CX, CY)}
     least = min(score, key=lambda number: score[number], default=None)
