@@ -46,7 +46,7 @@ JITTER = 1e-9  # of the residuals' variance, added to their own: interpolated ke
 SCALES = np.array([0.01, 0.01, 0.01, 0.01, 10.0, 10.0, 0.01, 1.0, 0.01, 1.0, 1.0, 0.01, 1.0])
 DETERMINED_SHARE = 0.2  # of the prior's 1-sigma, up to which the posterior's counts as determined; our choice
 CONTRADICTED_SIGMA = 3.0  # of a less certain estimate, from which it is better than a stated value all the same
-AGREEING_SIGMA = 2.0  # between stated and estimated intrinsics, within which the stated ones stay
+AGREEING_SIGMA = 2.0  # between a stated and an estimated value, within which the stated one stays
 INSEPARABLE = 0.95  # correlation from which two quantities are named as not separable
 HELD_SHARE = 1e-6  # of the prior's 1-sigma: of a quantity that is held exactly
 HOLD_ORDER = (CX, CY, FOCAL, DELAY, ROLL, PITCH, YAW)  # intrinsics first: a mount's turn explains what they would
@@ -197,12 +197,12 @@ def _is_determined(fit: Fit, prior: Prior, number: int) -> bool:
 
 
 def _choose_held(fit: Fit, prior: Prior, outcomes: dict[str, Outcome]) -> int | None:
-    """The next quantity to hold as stated: one that is not determined, then an intrinsic that agrees; None: no more."""
+    """The next quantity to hold as stated: one that is not determined, then the one that agrees best; None: no more."""
     free = [number for number in HOLD_ORDER if outcomes[NAMES[number]] is Outcome.ESTIMATED]
     for number in free:
         if not _is_determined(fit, prior, number):
             return number
-    score = {number: abs(fit.state[number]) / fit.sigma[number] for number in free if number in (FOCAL, CX, CY)}
+    score = {number: abs(fit.state[number]) / fit.sigma[number] for number in free}
     least = min(score, key=lambda number: score[number], default=None)
     return least if least is not None and score[least] < AGREEING_SIGMA else None
 
