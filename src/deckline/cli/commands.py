@@ -27,6 +27,9 @@ TABLE = {
     "demo": CliCommand("deckline.cli.run", "Fly the shipped sample approach: report, film and guidance in demo-out."),
     "run": CliCommand("deckline.cli.run", "Find the runway in a recording, pictures, a video, or live in a simulator."),
     "live": CliCommand("deckline.cli.live", "Guide from a camera, a network stream or a simulator, as JSON lines."),
+    "calibrate": CliCommand(
+        "deckline.cli.calibrate", "Estimate mounting, camera and delay of the poses from an approach."
+    ),
     "convert": CliCommand("deckline.cli.convert", "Copy a recording into deckline's layout, AirSim's, or a ROS bag."),
     "info": CliCommand("deckline.cli.info", "Print versions, the processor, the engines and the shipped weights."),
     "sim": CliCommand("deckline_sim.cli", "Render a recording of a deck, or serve AirSim's clients.", "sim"),

@@ -114,6 +114,7 @@ class Bag(Recording):
         self._stem = path.name
         self._message_reader, self._times = pictures
         self._mounted, self._mount, self._track, self._depth = mounted, mount, track, depth
+        self.pose_track = track
 
     def __len__(self) -> int:
         return len(self._times)

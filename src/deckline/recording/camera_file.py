@@ -181,11 +181,11 @@ def camera_to_mapping(camera: Camera, body_from_camera: RigidTransform) -> dict[
     }
 
 
-def format_camera(camera: Camera, body_from_camera: RigidTransform) -> str:
-    """Text of a camera.toml that `read_camera_file` reads back."""
+def format_camera(camera: Camera, body_from_camera: RigidTransform, heights: Mapping[str, float] | None = None) -> str:
+    """Text of a camera.toml that `read_camera_file` reads back; `heights`: world z, m, by name of HEIGHTS."""
     values = camera_to_mapping(camera, body_from_camera)
     mount = values.pop("body_from_camera")
-    rows = [f"{key} = {str(value).lower()}" for key, value in values.items()]
+    rows = [f"{key} = {str(value).lower()}" for key, value in (values | dict(heights or {})).items()]
     rows += ["", "[body_from_camera]", *(f"{key} = {value}" for key, value in mount.items())]
     return "\n".join(rows) + "\n"
 

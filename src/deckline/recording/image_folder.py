@@ -52,6 +52,7 @@ class ImageFolder(Recording):
         self.name = str(folder if files is None else folder / files[0])
         self._mounted = mounted
         self._poses = poses
+        self.pose_track = None if isinstance(poses, Poses) else poses
         self._times = times_s
         self._heights = options.deck_z_m, options.sea_z_m
         self._depth_options = (DEPTH_PLANAR, options.pfm_rows, options.far_m)

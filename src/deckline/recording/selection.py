@@ -15,6 +15,7 @@ class Selection(Recording):
         self._indices = indices
         self.name = f"{source.name} ({len(indices)} of {len(source)} frames, {indices[0]} to {indices[-1]})"
         self.notes, self.base_config, self.on_skip = source.notes, source.base_config, source.on_skip
+        self.pose_track = source.pose_track
 
     def __len__(self) -> int:
         return len(self._indices)

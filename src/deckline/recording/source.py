@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 from deckline.config import RunConfig
 from deckline.files import MOST_TEXT_BYTES, parse_plain, print_line, read_regular
 from deckline.types import Frame
+
+if TYPE_CHECKING:
+    from deckline.recording.pose_track import PoseTrack
 
 
 class RecordingError(ValueError):
@@ -91,6 +94,9 @@ class Source(ABC):
 
 class Recording(Source):
     """A source of files, any of whose frames can be asked for."""
+
+    pose_track: "PoseTrack | None" = None
+    """The poses that are placed on its pictures by time; None: there are none, or each picture has its own."""
 
     @property
     def length(self) -> int | None:

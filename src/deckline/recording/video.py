@@ -54,7 +54,7 @@ class Video(Recording):
         self.packets = packets
         self.name = str(packets.path)
         self._mounted = mounted
-        self._poses = poses
+        self._poses = self.pose_track = poses
         self._cursor: Iterator[tuple[int, Any]] = iter(())
         self._next = -1
         no_poses = (f"{packets.path}: no poses.csv: the pictures alone say where the aircraft is",)

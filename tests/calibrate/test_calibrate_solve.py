@@ -1,0 +1,194 @@
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from drawn_approach import CONFIG, MOUNT, STATED, Drawn, Off, draw_approach
+from scipy.stats import chi2
+
+from deckline.calibrate import Outcome, describe, solve, write_calibration
+from deckline.calibrate.model import CAMERA_NAMES, residuals_px, start_state
+from deckline.calibrate.noise import own_covariance, shared_covariance
+from deckline.config import RunConfig
+from deckline.options import read_run_config
+from deckline.recording.camera_file import read_camera_file
+
+UNKNOWN_DRIFT = replace(CONFIG, deck=replace(CONFIG.deck, ship_velocity_m_s=None))
+LENS = (-0.28, 0.08, 0.001, -0.0005, -0.01)
+ESTIMATED = Outcome.ESTIMATED
+
+
+def truth(off: Off) -> np.ndarray:
+    """Of the first seven of the state."""
+    return np.array([*np.deg2rad(off.mount_deg), np.log1p(off.focal), off.cx_px, off.cy_px, off.delay_s])
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize(
+    ("name", "off", "hold", "most_sigma"),
+    [
+        ("roll", Off((4.0, 0.0, 0.0)), (), np.deg2rad(0.7)),
+        ("pitch", Off((0.0, -4.0, 0.0)), (), np.deg2rad(0.2)),
+        ("yaw", Off((0.0, 0.0, 3.0)), (), np.deg2rad(0.5)),
+        ("focal length", Off(focal=-0.08), (), 0.015),
+        ("cx", Off(cx_px=40.0), ("yaw",), 6.0),
+        ("cy", Off(cy_px=-30.0), ("pitch",), 3.0),
+        ("delay", Off(delay_s=0.25), (), 0.01),
+    ],
+)
+def test_each_wrong_value_is_recovered_within_its_uncertainty(name, off, hold, most_sigma, seed):
+    calibration = solve(draw_approach(Drawn(off, seed)), CONFIG, hold)
+    number = CAMERA_NAMES.index(name)
+    assert calibration.outcomes[name] is ESTIMATED
+    assert calibration.fit.sigma[number] < most_sigma
+    assert abs(calibration.state - np.pad(truth(off), (0, 6)))[number] < 3 * calibration.fit.sigma[number]
+
+
+def test_uncertainties_hold_over_seeds():
+    """Mahalanobis distances of the estimated quantities sum to chi-square; sigmas are at most twice too large."""
+    total, degrees = 0.0, 0
+    for seed in range(100, 112):
+        rng = np.random.default_rng(seed)
+        turn_deg, sign = rng.choice([-1, 1], 3) * rng.uniform(2.5, 4.0, 3), rng.choice([-1, 1], 2)
+        off = Off(tuple(turn_deg), sign[0] * 0.07, delay_s=sign[1] * rng.uniform(0.1, 0.3))
+        calibration = solve(draw_approach(Drawn(off, seed)), CONFIG)
+        chosen = [number for number, name in enumerate(CAMERA_NAMES) if calibration.outcomes[name] is ESTIMATED]
+        error = (calibration.state[:7] - truth(off))[chosen]
+        total += error @ np.linalg.solve(calibration.fit.covariance[np.ix_(chosen, chosen)], error)
+        degrees += len(chosen)
+    assert degrees >= 12 * 5
+    assert degrees / 4 < total < chi2.ppf(0.999, degrees)
+
+
+def test_exact_poses_and_a_still_deck_leave_the_noise_of_the_points_alone():
+    off = Off((2.0, -3.0, 1.0), 0.06, delay_s=0.1)
+    calibration = solve(draw_approach(Drawn(off, 3, errors=0.0)), CONFIG)
+    np.testing.assert_allclose(calibration.state[:3], truth(off)[:3], atol=np.deg2rad(0.1))
+    assert calibration.state[3] == pytest.approx(truth(off)[3], abs=0.005)
+    assert calibration.state[6] == pytest.approx(0.1, abs=0.003)
+
+
+def test_distorted_pictures_are_calibrated_alike():
+    off = Off((-2.0, 2.0, -2.0), 0.07)
+    calibration = solve(draw_approach(Drawn(off, 4, distortion=LENS)), CONFIG)
+    error = calibration.state[:4] - truth(off)[:4]
+    assert (np.abs(error) < 3 * calibration.fit.sigma[:4]).all()
+
+
+@pytest.mark.parametrize("known", ["width", "nothing"])
+def test_a_deck_of_unknown_height_is_estimated_with_it(known):
+    off = Off((2.0, -2.0, 2.0))
+    view = draw_approach(Drawn(off, 3))
+    view = replace(view, deck_z_m=np.full_like(view.deck_z_m, np.nan))
+    config = CONFIG if known == "width" else replace(CONFIG, deck=replace(CONFIG.deck, width_m=None))
+    calibration = solve(view, config)
+    assert (np.abs(calibration.state[:3] - truth(off)[:3]) < 3 * calibration.fit.sigma[:3]).all()
+
+
+def test_turn_and_principal_point_are_named_as_not_separable():
+    calibration = solve(draw_approach(Drawn(Off((2.0, -2.0, 2.0)), 5)), CONFIG)
+    pairs = {(pair.first, pair.second) for pair in calibration.inseparable}
+    assert {("yaw", "cx"), ("pitch", "cy")} <= pairs
+    assert calibration.outcomes["cx"] is calibration.outcomes["cy"] is Outcome.UNDETERMINED
+    assert {calibration.held_by["cx"].second, calibration.held_by["cy"].second} == {"yaw", "pitch"}
+    assert calibration.state[4] == calibration.state[5] == 0.0
+
+
+def test_without_roll_an_unknown_drift_leaves_the_yaw_undetermined():
+    level = Drawn(Off((0.0, 0.0, 3.0)), 6, speed_m_s=20.0, start_m=220.0, shake_deg=(0.0, 0.7, 0.7), drift_m_s=1.0)
+    calibration = solve(draw_approach(level, UNKNOWN_DRIFT), UNKNOWN_DRIFT)
+    assert calibration.outcomes["yaw"] is Outcome.UNDETERMINED
+    assert calibration.held_by["yaw"].second in ("line drift", "line azimuth")
+    assert abs(calibration.held_by["yaw"].correlation) > 0.95
+    assert calibration.state[2] == 0.0
+    assert any("yaw stays as stated" in line for line in describe(calibration, None))
+
+
+def test_a_surveyed_heading_determines_the_yaw_in_place_of_the_drift():
+    level = Drawn(Off((0.0, 0.0, 3.0)), 6, speed_m_s=20.0, start_m=220.0, shake_deg=(0.0, 0.7, 0.7), drift_m_s=1.0)
+    survey = replace(CONFIG.survey, ramp_m=(40.0, -30.0, -20.0), heading_deg=np.rad2deg(0.3), heading_sigma_deg=0.1)
+    calibration = solve(draw_approach(level, UNKNOWN_DRIFT), replace(UNKNOWN_DRIFT, survey=survey))
+    assert calibration.outcomes["yaw"] is ESTIMATED
+    assert abs(calibration.state[2] - np.deg2rad(3.0)) < 3 * calibration.fit.sigma[2] < np.deg2rad(1.5)
+
+
+def test_a_less_certain_estimate_replaces_a_stated_value_that_it_contradicts():
+    calm = Drawn(Off(focal=0.12), 11, shake_deg=(2.0, 0.2, 0.2))
+    calibration = solve(draw_approach(calm), CONFIG)
+    sigma = calibration.free_sigma[3]
+    assert sigma > 0.02  # a fifth of the prior's
+    assert calibration.outcomes["focal length"] is ESTIMATED
+    assert abs(calibration.state[3] - np.log(1.12)) < 3 * sigma
+    right = solve(draw_approach(replace(calm, off=Off())), CONFIG)
+    assert right.outcomes["focal length"] is Outcome.UNDETERMINED
+
+
+def test_stated_values_that_agree_stay():
+    calibration = solve(draw_approach(Drawn(seed=8, errors=0.0)), CONFIG)
+    assert {calibration.outcomes[name] for name in ("roll", "pitch", "yaw", "focal length", "delay")} == {
+        Outcome.AGREES
+    }
+    assert not calibration.state[:7].any()
+
+
+def test_a_wrong_detection_is_left_out():
+    view = draw_approach(Drawn(Off((2.0, -2.0, 2.0)), 9))
+    wrong = view.points_px.copy()
+    wrong[40:44, 0] += 60.0
+    spoilt, clean = solve(replace(view, points_px=wrong), CONFIG), solve(view, CONFIG)
+    assert not spoilt.fit.used[40:44].any()
+    np.testing.assert_allclose(spoilt.state[:3], clean.state[:3], atol=np.deg2rad(0.15))
+
+
+def test_covariances_are_symmetric_and_definite():
+    view = draw_approach(Drawn(seed=1))
+    reference, _, state = start_state(view, CONFIG)
+    own, shared = own_covariance(view, 1.0, 1.0), shared_covariance(view, reference, state, CONFIG)
+    size = len(residuals_px(view, reference, state))
+    assert own.shape == shared.shape == (size, size) == (len(view.frame) + 2 * len(view.horizon_frame),) * 2
+    np.testing.assert_allclose(shared, shared.T, rtol=1e-9, atol=1e-9)
+    assert np.linalg.eigvalsh(own).min() > 0
+    np.testing.assert_allclose(np.diag(own)[: len(view.frame)], view.sigma_px**2)
+
+
+@pytest.mark.parametrize(
+    ("drawn", "named"),
+    [
+        (Drawn(speed_m_s=0.0, start_m=100.0), "moves"),
+        (Drawn(sides=("left",)), "0 of 45 frames"),
+        (Drawn(sides=()), "0 of 45 frames"),
+        (Drawn(frames=6), "6 of 6 frames"),
+    ],
+)
+def test_what_is_no_approach_is_refused(drawn, named):
+    with pytest.raises(ValueError, match=named):
+        solve(draw_approach(drawn), CONFIG)
+
+
+def test_written_files_are_read_back(tmp_path):
+    off = Off((2.0, -2.0, 2.0), 0.07, delay_s=0.15)
+    view = draw_approach(Drawn(off, 2))
+    calibration = solve(view, CONFIG)
+    camera_file, config_file, json_file = write_calibration(tmp_path / "new", view, calibration, CONFIG, 5.0)
+    mounted = read_camera_file(camera_file)
+    assert mounted.camera.fx == pytest.approx(STATED.fx * np.exp(calibration.state[3]))
+    assert (mounted.camera.cx, mounted.camera.cy) == (STATED.cx, STATED.cy)
+    turn = (off.mount().rotation * mounted.body_from_camera.rotation.inv()).magnitude()
+    assert turn < np.deg2rad(1.5) < (off.mount().rotation * MOUNT.rotation.inv()).magnitude()
+    assert mounted.body_from_camera.translation.tolist() == MOUNT.translation.tolist()
+    assert mounted.sea_z_m == 0.0
+    config = read_run_config(config_file)
+    assert config.navigation.offset_s == pytest.approx(5.0 + calibration.state[6], abs=1e-6)
+    assert (config.deck, config.survey) == (CONFIG.deck, CONFIG.survey)
+    assert config.sensors.focal_fraction == pytest.approx(calibration.fit.sigma[3], rel=1e-4)
+    values = json.loads(json_file.read_text())
+    assert values["quantities"]["pitch"]["change"] == pytest.approx(np.rad2deg(calibration.state[1]))
+    assert np.shape(values["correlation"]) == (13, 13)
+
+
+def test_poses_of_single_pictures_get_no_offset(tmp_path):
+    view = draw_approach(Drawn(Off(delay_s=0.15), 2))
+    calibration = solve(view, CONFIG)
+    _, config_file, _ = write_calibration(tmp_path, view, calibration, CONFIG, None)
+    assert read_run_config(config_file).navigation.offset_s is RunConfig().navigation.offset_s is None
+    assert any("delay is not written" in line for line in describe(calibration, None))
