@@ -21,7 +21,6 @@ def calibrate(
     out: Path,
     opening: Annotated[SourceOptions, tyro.conf.arg(name="")] = SOURCE,
     poses: str | None = None,
-    fov_deg: float | None = None,
     start: float = 0.0,
     duration: float | None = None,
     hold: tuple[Quantity, ...] = (),
@@ -37,7 +36,6 @@ def calibrate(
         out: new folder for the three files.
         opening: of the recording.
         poses: poses.csv, when not beside the recording, or a log of ArduPilot (.bin, .tlog) or PX4 (.ulg).
-        fov_deg: horizontal, without a camera file.
         start: seconds after the first frame at which to begin.
         duration: seconds of the recording to take.
         hold: quantities that stay as stated.
@@ -47,7 +45,7 @@ def calibrate(
     if is_there(out):
         raise ValueError(f"{out} is there already: choose another --out")
     config = opening.place_poses(options.run_config())
-    source = select_frames(opening.open_recording(recording, config, poses, fov_deg), 1, start, duration)
+    source = select_frames(opening.open_recording(recording, config, poses), 1, start, duration)
     config = opening.place_poses(options.run_config(source.base_config))
     for note in source.notes:
         print_line(f"note: {note}")

@@ -11,7 +11,15 @@ from scipy.spatial.transform import Rotation
 
 from deckline.config import RunConfig
 from deckline.geometry import attitude
-from deckline.picture_pose.model import Innovation, Mount, attitude_innovation, horizon_innovation, lines_innovation
+from deckline.picture_pose.model import (
+    Innovation,
+    Mount,
+    attitude_innovation,
+    gain_of,
+    horizon_innovation,
+    lines_innovation,
+    updated_covariance,
+)
 from deckline.picture_pose.sights import LevelSight, LineSight
 from deckline.picture_pose.states import USUAL_WIDTH_M, Belief, States, initial_belief
 from deckline.types import SIDES, Diagnostic, Reason
@@ -98,17 +106,18 @@ def closed_form(
 
 
 def _iterate(prior: Belief, sights: dict[str, LineSight], level: LevelSight, mount: Mount) -> Belief:
-    """Gauss-Newton on measurements and prior together; the prior's attitude is level flight along the runway."""
-    information, belief = np.linalg.inv(prior.covariance), prior
+    """Iterated Kalman update: Gauss-Newton; the prior's attitude is level flight along the runway."""
+    belief = prior
     for _ in range(STEPS):
         innovation = innovations(belief, sights, level, mount)
-        weights = 1 / innovation.variance
-        normal = information + (innovation.design.T * weights) @ innovation.design
         offset = prior.mean - belief.mean
         offset[States.ATTITUDE] = -Rotation.from_matrix(belief.rotation).as_rotvec()
-        step = np.linalg.solve(normal, information @ offset + innovation.design.T @ (weights * innovation.residuals))
-        belief = belief.move(np.asarray(step, np.float64), np.asarray(np.linalg.inv(normal), np.float64))
-        if float(step @ normal @ step) < CONVERGED**2:
+        gain = gain_of(prior.covariance, innovation)
+        step = offset + gain @ (innovation.residuals - innovation.design @ offset)
+        covariance = updated_covariance(prior.covariance, gain, innovation)
+        size = np.abs(step) / np.sqrt(np.diag(covariance))
+        belief = belief.move(step, covariance)
+        if float(size.max()) < CONVERGED:
             break
     return belief
 

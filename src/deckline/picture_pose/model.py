@@ -162,12 +162,27 @@ def lines_innovation(belief: Belief, sights: dict[str, LineSight], mount: Mount)
 
 
 def update(belief: Belief, innovation: Innovation) -> Belief:
-    """Kalman update in Joseph's form."""
-    design, noise = innovation.design, innovation.variance
-    across = belief.covariance @ design.T
-    gain = np.linalg.solve(design @ across + np.diag(noise), across.T).T
-    rest = np.eye(States.SIZE) - gain @ design
-    return belief.move(gain @ innovation.residuals, rest @ belief.covariance @ rest.T + (gain * noise) @ gain.T)
+    """Kalman update in Joseph's form, `States.CONSIDERED` left as stated."""
+    gain = gain_of(belief.covariance, innovation)
+    return belief.move(gain @ innovation.residuals, updated_covariance(belief.covariance, gain, innovation))
+
+
+def gain_of(covariance: Array, innovation: Innovation) -> Array:
+    """Gain (25, m) of a Schmidt-Kalman filter, which does not estimate `States.CONSIDERED`.
+
+    Source: Schmidt, "Application of state-space methods to navigation problems", 1966.
+    """
+    across = covariance @ innovation.design.T
+    variance = innovation.design @ across + np.diag(innovation.variance)
+    gain = np.asarray(np.linalg.solve(variance, across.T).T, dtype=np.float64)
+    gain[States.CONSIDERED] = 0.0
+    return gain
+
+
+def updated_covariance(covariance: Array, gain: Array, innovation: Innovation) -> Array:
+    """Covariance (25, 25) after an update with a gain, in Joseph's form, which holds for any gain."""
+    rest = np.eye(States.SIZE) - gain @ innovation.design
+    return rest @ covariance @ rest.T + (gain * innovation.variance) @ gain.T
 
 
 def distance2(belief: Belief, innovation: Innovation) -> float:

@@ -31,6 +31,7 @@ class States:
 
     FOCAL = 12  # error of the focal length, as a share
     CX, CY = 13, 14  # error of the principal point, focal lengths
+    CONSIDERED = slice(12, 15)  # never estimated: an approach hardly shows them, and linearization would pretend to
     HORIZON_UP = 15  # error of the horizon's height, rad; positive: it is seen too high
     HORIZON_TILT = 16  # error of its roll, rad
     WIDTH = 17  # error of the width, m
