@@ -8,10 +8,10 @@ from deckline.config import RunConfig
 from deckline.track.extent import move_ramp_to_deck, runway_prior, update_extent, visible_extent
 from deckline.track.filter import predict, shift_reference, track_lines, update
 from deckline.track.forecast import Forecast, TrackMemory, describe_track
-from deckline.track.integrity import FaultMonitor, check_order
+from deckline.track.integrity import FaultMonitor, check_order, fault_gains
 from deckline.track.measurement import GatedMeasurement, measure, select_consistent
 from deckline.track.motion import Aircraft, Pose, advance_aircraft, start_aircraft
-from deckline.track.states import CORRELATION_TIME_S, SENSOR_FLOOR, error_sigmas, initial_state
+from deckline.track.states import CORRELATION_TIME_S, SENSOR_FLOOR, initial_state
 from deckline.types import (
     SIDES,
     Diagnostic,
@@ -237,7 +237,8 @@ class Tracker:
             memory.state, gated.accepted.innovation, gated.accepted.design, correlated * gated.accepted.noise
         )
         state = shift_reference(state, gated.accepted.x_m)
-        ramp = move_ramp_to_deck(context.frame, context.estimate, state, error_sigmas(self.config) ** 2)
+        near_m = 0.0 if memory.extent is None else float(state.local(memory.extent.near_m)[0])
+        ramp = move_ramp_to_deck(context.frame, context.estimate, state, fault_gains(state, near_m, self.config))
         speed = self.config.deck.ship_velocity_m_s
         along = None if speed is None else float(np.array(speed) @ state.along[:2])
         visible = visible_extent(context.frame, context.estimate, state)
