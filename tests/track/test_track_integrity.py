@@ -138,12 +138,12 @@ def test_errors_that_are_each_just_possible_are_doubted_together():
         for index, size in sizes.items():  # measured well: 0.1 sigma
             design = np.eye(1, States.SIZE, index)
             now = update(now, np.array([size * sigmas[index]]), design, np.array([[0.01 * sigmas[index] ** 2]]))
-        return unverified_reasons(now, 5.0, 0.0, KNOWN)
+        return unverified_reasons(now, 5.0, 0.0, 0.05, KNOWN)
 
     assert doubts({States.DRIFT: 0.0, States.DECK: 3.2}) == ()
     assert doubts({States.DRIFT: 0.0, States.DECK: 3.2, States.FOCAL: 3.2}) == (UNLIKELY,)
     assert doubts({}) == (YOUNG,), "the drift is not known"
-    assert unverified_reasons(replace(state, covariance=0.01 * state.covariance), 0.0, 0.0, KNOWN) == (YOUNG,)
+    assert unverified_reasons(replace(state, covariance=0.01 * state.covariance), 0.0, 0.0, 0.05, KNOWN) == (YOUNG,)
 
 
 def test_a_stated_deck_height_that_lines_contradict_is_the_posterior_of_the_two():
@@ -169,10 +169,10 @@ def test_the_protection_level_is_that_of_noise_plus_the_worst_undetected_fault()
     covariance[States.DECK, States.DECK] = state.covariance[States.DECK, States.DECK]
     state = replace(state, covariance=covariance)
     pose = Pose(np.array([-100.0, 0.0, -10.0]), np.zeros(3), np.zeros(3))
-    level = protection_levels(state, pose, None, None, 1.0, KNOWN)
+    level = protection_levels(state, pose, None, None, None, 1.0, KNOWN)
     sigma, prior = np.hypot(0.3, KNOWN.sensors.position_white_m), state.covariance[States.DECK, States.DECK]
     assert level.vertical_m == pytest.approx(5.3267 * sigma + 0.02 / prior * KNOWN.integrity.max_deck_z_m, rel=1e-3)
-    rarer = protection_levels(state, pose, None, None, 1.0, replace(KNOWN, integrity=Integrity(risk=1e-3)))
+    rarer = protection_levels(state, pose, None, None, None, 1.0, replace(KNOWN, integrity=Integrity(risk=1e-3)))
     assert level.vertical_m - rarer.vertical_m == pytest.approx((5.3267 - 3.2905) * sigma, rel=1e-3)
 
 

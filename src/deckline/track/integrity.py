@@ -18,7 +18,7 @@ from deckline.config import RunConfig
 from deckline.geometry import wrap_angle
 from deckline.track.extent import Extent
 from deckline.track.filter import delay_effect, line_rows, predict
-from deckline.track.measurement import NAMES, GatedMeasurement
+from deckline.track.measurement import MIN_HEIGHT_M, NAMES, GatedMeasurement
 from deckline.track.motion import Pose
 from deckline.track.states import (
     FAULTS,
@@ -30,7 +30,7 @@ from deckline.track.states import (
     error_sigmas,
     width_sigma_m,
 )
-from deckline.types import Diagnostic, Diagnostics, Protection, Reason, RunwayLine, Value
+from deckline.types import SIDES, DepthMode, Diagnostic, Diagnostics, Protection, Reason, RunwayLine, Value
 
 Array = NDArray[np.float64]
 OBSERVED_SHARE = 0.1  # of a prior's variance that must be gone before its estimate is tested
@@ -217,8 +217,33 @@ def _spacing_by_height(state: FilterState, near_m: float, camera_m: Array) -> fl
     return float(_spacing_row(near_m) @ state.mean * stated_m / (state.deck_z_m - camera_m[2]))
 
 
-def _spacing_contradiction(spacing_m: float, stated_m: float) -> Diagnostic:
-    message = f"the lines are {spacing_m:.1f} m apart by the stated deck height; {stated_m:.1f} m is stated"
+def width_flag(
+    state: FilterState, lines: dict[str, RunwayLine], mode: DepthMode, camera_m: Array, config: RunConfig
+) -> Diagnostic | None:
+    """A flag for both lines of a track's first frame that are not as far apart as stated.
+
+    Args:
+        state: the initial one.
+        lines: of the frame.
+        mode: of the frame: whether depth or the stated deck height scales the lines.
+        camera_m: (3,) world.
+        config: the stated width, and what the deck's height errs by.
+    """
+    if config.deck.width_m is None or len(lines) < len(SIDES):
+        return None
+    spacing_m = _lateral_spacing_m(lines["left"], lines["right"])
+    height_m = max(lines["left"].height_m - camera_m[2], MIN_HEIGHT_M)
+    is_fine = mode is DepthMode.FINE
+    scale_sigma = config.sensors.depth_scale if is_fine else config.deck_height_sigma_m / height_m
+    variance = state.covariance[States.SPACING, States.SPACING] + (spacing_m * scale_sigma) ** 2
+    if abs(spacing_m - state.mean[States.SPACING]) <= config.integrity.alarm_sigma * np.sqrt(variance):
+        return None
+    return _spacing_contradiction(spacing_m, config.deck.width_m, mode)
+
+
+def _spacing_contradiction(spacing_m: float, stated_m: float, mode: DepthMode = DepthMode.COARSE) -> Diagnostic:
+    by = "depth camera" if mode is DepthMode.FINE else "stated deck height"
+    message = f"the lines are {spacing_m:.1f} m apart by the {by}; {stated_m:.1f} m is stated"
     return Diagnostic(Reason.SPACING, message)
 
 
@@ -406,12 +431,16 @@ def check_order(lines: dict[str, RunwayLine]) -> Diagnostic | None:
     """A flag for two lines that cannot be left and right of one runway."""
     if "left" not in lines or "right" not in lines:
         return None
-    left, right = lines["left"], lines["right"]
-    lateral_axis = np.array([-left.direction[1], left.direction[0], 0.0])
-    spacing = float((right.point_m - left.point_m) @ lateral_axis)
+    spacing = _lateral_spacing_m(lines["left"], lines["right"])
     if spacing > MIN_SPACING_M:
         return None
     return Diagnostic(Reason.SWAPPED, f"the right line lies {-spacing:.1f} m left of the left line")
+
+
+def _lateral_spacing_m(left: RunwayLine, right: RunwayLine) -> float:
+    """How far the right line's point lies to the right of the left line."""
+    lateral_axis = np.array([-left.direction[1], left.direction[0], 0.0])
+    return float((right.point_m - left.point_m) @ lateral_axis)
 
 
 def _change_flag(
