@@ -37,6 +37,7 @@ OBSERVED_SHARE = 0.1  # of a prior's variance that must be gone before its estim
 MIN_RESIDUALS = 10
 WHAT = dict(NAMES.values())  # may be left out, in words
 MAX_SPACING_SIGMA_M = 1.0  # of a track whose lines are compared with those of the next track
+COMPARABLE_SIGMA = 1.5  # times the sigma of a contradicted width, up to which another test may withdraw it
 MIN_SPACING_M = 1.0  # below this left and right are swapped
 MESSAGES = {
     States.ATTITUDE_X: (Reason.BORESIGHT, "degrees", "the camera seems rolled by {:+.2f} degrees against its mounting"),
@@ -217,10 +218,26 @@ def _spacing_by_height(state: FilterState, near_m: float, camera_m: Array) -> fl
     return float(_spacing_row(near_m) @ state.mean * stated_m / (state.deck_z_m - camera_m[2]))
 
 
-def width_flag(
+@dataclass(frozen=True, eq=False)
+class WidthTest:
+    """Spacing of both lines of a track's first frame against the stated width."""
+
+    spacing_m: float  # as depth or the stated deck height scales it
+    stated_m: float
+    sigma_m: float  # of the difference, if what was stated is true
+    mode: DepthMode  # of the frame
+
+    def flag(self, alarm_sigma: float) -> Diagnostic | None:
+        """A flag where the difference is larger than so many sigmas."""
+        if abs(self.spacing_m - self.stated_m) <= alarm_sigma * self.sigma_m:
+            return None
+        return _spacing_contradiction(self.spacing_m, self.stated_m, self.mode)
+
+
+def compare_width(
     state: FilterState, lines: dict[str, RunwayLine], mode: DepthMode, camera_m: Array, config: RunConfig
-) -> Diagnostic | None:
-    """A flag for both lines of a track's first frame that are not as far apart as stated.
+) -> WidthTest | None:
+    """The stated width against the lines of a track's first frame; None without a stated width or a line.
 
     Args:
         state: the initial one.
@@ -235,10 +252,8 @@ def width_flag(
     height_m = max(lines["left"].height_m - camera_m[2], MIN_HEIGHT_M)
     is_fine = mode is DepthMode.FINE
     scale_sigma = config.sensors.depth_scale if is_fine else config.deck_height_sigma_m / height_m
-    variance = state.covariance[States.SPACING, States.SPACING] + (spacing_m * scale_sigma) ** 2
-    if abs(spacing_m - state.mean[States.SPACING]) <= config.integrity.alarm_sigma * np.sqrt(variance):
-        return None
-    return _spacing_contradiction(spacing_m, config.deck.width_m, mode)
+    sigma_m = float(np.hypot(np.sqrt(state.covariance[States.SPACING, States.SPACING]), spacing_m * scale_sigma))
+    return WidthTest(spacing_m, config.deck.width_m, sigma_m, mode)
 
 
 def _spacing_contradiction(spacing_m: float, stated_m: float, mode: DepthMode = DepthMode.COARSE) -> Diagnostic:
@@ -264,12 +279,21 @@ def unverified_reasons(
         config: limits.
     """
     young = age_s < config.integrity.persist_s or not is_drift_known(state, config)
-    squares = [(test.bias / test.sigma) ** 2 for test in prior_tests(state, near_m, config)]
-    unlikely = bool(squares) and chi2.sf(sum(squares), len(squares)) < config.integrity.doubt_risk
+    errors = np.array([test.bias / test.sigma for test in prior_tests(state, near_m, config)])
+    unlikely = bool(len(errors)) and _joint_significance(errors) < config.integrity.doubt_risk
     is_unbounded = yaw_rad is None and not young
     return tuple(
         doubt for doubt, holds in ((YOUNG, young), (UNLIKELY, unlikely), (UNBOUNDED_YAW, is_unbounded)) if holds
     )
+
+
+def _joint_significance(errors: Array) -> float:
+    """Probability of errors (n,), in sigmas, at least as unlikely: by their sum of squares or by the largest alone.
+
+    A sum of n squares hides one large error. The largest counts with the n tests that could have had it (Bonferroni).
+    """
+    largest = 2 * len(errors) * norm.sf(np.max(np.abs(errors)))
+    return float(min(chi2.sf(np.sum(errors**2), len(errors)), largest))
 
 
 def protection_levels(
@@ -346,6 +370,7 @@ class FaultMonitor:
     degrees: float = 0.0  # and of their degrees of freedom
     since_s: dict[Reason, float] = field(default_factory=dict)  # since when a measurement is left out
     previous: FilterState | None = None  # of the track before this one, at its end
+    contradiction: WidthTest | None = None  # the sharpest that the stated width failed
 
     def update(self, gated: GatedMeasurement | None, time_s: float, step_s: float, config: RunConfig) -> "FaultMonitor":
         """After one more frame; a frame without a line changes nothing about those that are left out."""
@@ -372,6 +397,20 @@ class FaultMonitor:
             for reason, since in self.since_s.items()
         )
 
+    def update_width(self, test: WidthTest | None, config: RunConfig) -> "FaultMonitor":
+        """After the first frame of a track: one that agrees with the stated width withdraws a contradiction.
+
+        From a smaller height the same width agrees with more, so a much weaker test withdraws nothing.
+        """
+        if test is None:
+            return self
+        known = self.contradiction
+        if test.flag(config.integrity.alarm_sigma) is not None:
+            is_sharper = known is None or test.sigma_m < known.sigma_m
+            return replace(self, contradiction=test) if is_sharper else self
+        is_withdrawn = known is not None and test.sigma_m <= COMPARABLE_SIGMA * known.sigma_m
+        return replace(self, contradiction=None) if is_withdrawn else self
+
     def forget(self) -> "FaultMonitor":
         """Without what is left out: the track that it contradicted is given up."""
         return replace(self, since_s={})
@@ -382,7 +421,7 @@ class FaultMonitor:
         if before is not None and np.sqrt(before.covariance[States.SPACING, States.SPACING]) < MAX_SPACING_SIGMA_M:
             is_other = previous is not None and _change_flag(previous, before, None, config) is not None
             previous = previous if is_other else before
-        return FaultMonitor(since_s=self.since_s, previous=previous)
+        return FaultMonitor(since_s=self.since_s, previous=previous, contradiction=self.contradiction)
 
     def active_flags(
         self,
@@ -417,6 +456,7 @@ class FaultMonitor:
                 self._residual_flag(config),
             ]
             flags += [] if self.previous is None else [_change_flag(self.previous, state, aircraft_m, config)]
+            flags += [] if self.contradiction is None else [self.contradiction.flag(config.integrity.alarm_sigma)]
         return tuple(flag for flag in flags if flag is not None)
 
     def _residual_flag(self, config: RunConfig) -> Diagnostic | None:

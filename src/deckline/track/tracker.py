@@ -8,10 +8,10 @@ from deckline.config import RunConfig
 from deckline.track.extent import move_ramp_to_deck, runway_prior, update_extent, visible_extent
 from deckline.track.filter import predict, shift_reference, track_lines, update
 from deckline.track.forecast import Forecast, TrackMemory, describe_track
-from deckline.track.integrity import FaultMonitor, check_order, fault_gains, width_flag
+from deckline.track.integrity import FaultMonitor, check_order, compare_width, fault_gains
 from deckline.track.measurement import GatedMeasurement, measure, select_consistent
 from deckline.track.motion import Aircraft, Pose, advance_aircraft, start_aircraft
-from deckline.track.states import CORRELATION_TIME_S, SENSOR_FLOOR, FilterState, initial_state
+from deckline.track.states import CORRELATION_TIME_S, SENSOR_FLOOR, initial_state
 from deckline.types import (
     SIDES,
     Diagnostic,
@@ -205,9 +205,13 @@ class Tracker:
                 self._faults = self._faults.forget()
                 back = _restart("a measurement that was left out is back")
                 return self._start_track(replace(context, diagnostics=(*context.diagnostics, back)), memory.aircraft)
-        if gated is not None and gated.excluded and memory.start_s == time_s:  # there is no track that could be right
-            self._faults = self._faults.forget()
-            return _lost_track(context, gated, context.flags + self._start_flags(memory.state, gated, context, pose))
+        if gated is not None and pose is not None and memory.start_s == time_s:
+            width = compare_width(memory.state, context.lines, context.estimate.mode, pose.position_m, config)
+            self._faults = self._faults.update_width(width, config)
+            flag = None if width is None else width.flag(config.integrity.alarm_sigma)
+            if flag is not None or gated.excluded:  # there is no track that could be right
+                self._faults = self._faults.forget()
+                return _lost_track(context, gated, context.flags + (gated.excluded if flag is None else (flag,)))
         self._faults = self._faults.update(gated, time_s, context.step_s, config)
         memory = self._update_memory(memory, gated, context)
         unseen_s, inconsistent_s = time_s - memory.seen_s, time_s - memory.consistent_s
@@ -224,15 +228,6 @@ class Tracker:
             gated, memory.state, memory.extent, aircraft_m, time_s, config
         )
         return self._track(memory, context, pose, gated, flags)
-
-    def _start_flags(
-        self, initial: FilterState, gated: GatedMeasurement, context: FrameContext, pose: Pose | None
-    ) -> Diagnostics:
-        """Why lines cannot begin a track: the stated width where it contradicts them, else what was left out."""
-        if pose is None:
-            return gated.excluded
-        flag = width_flag(initial, context.lines, context.estimate.mode, pose.position_m, self.config)
-        return gated.excluded if flag is None else (flag,)
 
     def _update_memory(self, memory: TrackMemory, gated: GatedMeasurement | None, context: FrameContext) -> TrackMemory:
         """The memory after the part of the measurement that passed the gate."""
