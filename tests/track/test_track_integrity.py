@@ -12,21 +12,11 @@ from test_track_tracker import deviations
 from deckline.config import Integrity
 from deckline.track import Tracker
 from deckline.track.filter import update
-from deckline.track.integrity import (
-    UNBOUNDED_YAW,
-    UNLIKELY,
-    YOUNG,
-    FaultMonitor,
-    WidthTest,
-    bias_flag,
-    drift_flag,
-    fault_gains,
-    least_closing_speed,
-    protection_levels,
-    undetected_yaw,
-    unverified_reasons,
-)
+from deckline.track.integrity import FaultMonitor
 from deckline.track.motion import Pose
+from deckline.track.prior_tests import UNBOUNDED_YAW, UNLIKELY, YOUNG, bias_flag, drift_flag, unverified_reasons
+from deckline.track.protection import fault_gains, least_closing_speed, protection_levels, undetected_yaw
+from deckline.track.stated_width import WidthTest
 from deckline.track.states import KNOWN_DRIFT_SIGMA_M_S, States, initial_state
 from deckline.types import DepthMode, Reason, RunwayLine, TrackState, Value
 

@@ -10,8 +10,9 @@ from scipy.stats import norm
 from deckline.config import RunConfig
 from deckline.track.extent import Extent, advance_extent
 from deckline.track.filter import predict, track_lines, track_rates
-from deckline.track.integrity import least_closing_speed, protection_levels, undetected_yaw, unverified_reasons
 from deckline.track.motion import Aircraft, Pose, predict_aircraft
+from deckline.track.prior_tests import unverified_reasons
+from deckline.track.protection import least_closing_speed, protection_levels, undetected_yaw
 from deckline.track.states import FilterState
 from deckline.types import RunwayLine, Scale, Track, TrackState
 

@@ -8,9 +8,11 @@ from deckline.config import RunConfig
 from deckline.track.extent import move_ramp_to_deck, runway_prior, update_extent, visible_extent
 from deckline.track.filter import predict, shift_reference, track_lines, update
 from deckline.track.forecast import Forecast, TrackMemory, describe_track
-from deckline.track.integrity import FaultMonitor, check_order, compare_width, fault_gains
-from deckline.track.measurement import GatedMeasurement, measure, select_consistent
+from deckline.track.integrity import FaultMonitor, check_order
+from deckline.track.measurement import GatedMeasurement, Measurement, measure, select_consistent
 from deckline.track.motion import Aircraft, Pose, advance_aircraft, start_aircraft
+from deckline.track.protection import fault_gains
+from deckline.track.stated_width import compare_width
 from deckline.track.states import CORRELATION_TIME_S, SENSOR_FLOOR, initial_state
 from deckline.types import (
     SIDES,
@@ -205,13 +207,8 @@ class Tracker:
                 self._faults = self._faults.forget()
                 back = _restart("a measurement that was left out is back")
                 return self._start_track(replace(context, diagnostics=(*context.diagnostics, back)), memory.aircraft)
-        if gated is not None and pose is not None and memory.start_s == time_s:
-            width = compare_width(memory.state, context.lines, context.estimate.mode, pose.position_m, config)
-            self._faults = self._faults.update_width(width, config)
-            flag = None if width is None else width.flag(config.integrity.alarm_sigma)
-            if flag is not None or gated.excluded:  # there is no track that could be right
-                self._faults = self._faults.forget()
-                return _lost_track(context, gated, context.flags + (gated.excluded if flag is None else (flag,)))
+            if memory.start_s == time_s and (flags := self._start_flags(memory, measurement, gated, context)):
+                return _lost_track(context, gated, context.flags + flags)
         self._faults = self._faults.update(gated, time_s, context.step_s, config)
         memory = self._update_memory(memory, gated, context)
         unseen_s, inconsistent_s = time_s - memory.seen_s, time_s - memory.consistent_s
@@ -228,6 +225,17 @@ class Tracker:
             gated, memory.state, memory.extent, aircraft_m, time_s, config
         )
         return self._track(memory, context, pose, gated, flags)
+
+    def _start_flags(
+        self, memory: TrackMemory, measurement: Measurement, gated: GatedMeasurement, context: FrameContext
+    ) -> Diagnostics:
+        """Why there is no track that could begin with these lines: the stated width, else what was left out."""
+        width = compare_width(memory.state, measurement, context.estimate.mode, self.config)
+        self._faults = self._faults.update_width(width, self.config)
+        flag = None if width is None else width.flag(self.config.integrity.alarm_sigma)
+        flags = gated.excluded if flag is None else (flag,)
+        self._faults = self._faults.forget() if flags else self._faults
+        return flags
 
     def _update_memory(self, memory: TrackMemory, gated: GatedMeasurement | None, context: FrameContext) -> TrackMemory:
         """The memory after the part of the measurement that passed the gate."""

@@ -122,8 +122,8 @@ def crop_left(share: float) -> Begin:
         frame = replace(frame, image_rgb=image, depth_m=depth)
         if now.detection is None:
             return Sighting(frame)
-        sides = {side: _shift_points(getattr(now.detection, side), -cut) for side in SIDES}
-        return Sighting(frame, replace(now.detection, **sides))
+        left, right = (_shift_points(getattr(now.detection, side), -cut) for side in SIDES)
+        return Sighting(frame, replace(now.detection, left=left, right=right))
 
     return lambda rng: each(change)
 
