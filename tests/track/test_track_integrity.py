@@ -303,12 +303,12 @@ def test_a_contradicted_width_is_withdrawn_by_a_comparable_test_alone():
     wrong, right, blunt = (
         WidthTest(*spacing, DepthMode.COARSE) for spacing in ((26, 15, 1), (15.5, 15, 1.2), (17, 15, 3))
     )
-    contradicted = FaultMonitor().update_width(wrong, KNOWN)
+    contradicted = FaultMonitor().update_width(wrong, 5.0)
     assert contradicted.contradiction is wrong
-    assert contradicted.update_width(blunt, KNOWN).contradiction is wrong
+    assert contradicted.update_width(blunt, 5.0).contradiction is wrong
     assert contradicted.restart(None, KNOWN).contradiction is wrong
-    assert contradicted.update_width(None, KNOWN).contradiction is wrong
-    assert contradicted.update_width(right, KNOWN).contradiction is None
+    assert contradicted.update_width(None, 5.0).contradiction is wrong
+    assert contradicted.update_width(right, 5.0).contradiction is None
     state = initial_state(0.0, LINE, None, KNOWN)
     assert reasons(contradicted.active_flags(None, state, None, None, 5.0, KNOWN)) == [Reason.SPACING]
 

@@ -58,7 +58,7 @@ class FaultMonitor:
             for reason, since in self.since_s.items()
         )
 
-    def update_width(self, test: WidthTest | None, config: RunConfig) -> "FaultMonitor":
+    def update_width(self, test: WidthTest | None, limit_sigma: float) -> "FaultMonitor":
         """After the first frame of a track: one that agrees with the stated width withdraws a contradiction.
 
         From a smaller height the same width agrees with more, so a much weaker test withdraws nothing.
@@ -66,7 +66,7 @@ class FaultMonitor:
         if test is None:
             return self
         known = self.contradiction
-        if test.flag(config.integrity.alarm_sigma) is not None:
+        if test.flag(limit_sigma) is not None:
             is_sharper = known is None or test.sigma_m < known.sigma_m
             return replace(self, contradiction=test) if is_sharper else self
         is_withdrawn = known is not None and test.sigma_m <= COMPARABLE_SIGMA * known.sigma_m
@@ -117,7 +117,7 @@ class FaultMonitor:
                 self._residual_flag(config),
             ]
             flags += [] if self.previous is None else [_change_flag(self.previous, state, aircraft_m, config)]
-            flags += [] if self.contradiction is None else [self.contradiction.flag(config.integrity.alarm_sigma)]
+            flags += [] if self.contradiction is None else [self.contradiction.flag(0.0)]
         return tuple(flag for flag in flags if flag is not None)
 
     def _residual_flag(self, config: RunConfig) -> Diagnostic | None:

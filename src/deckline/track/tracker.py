@@ -29,6 +29,7 @@ from deckline.types import (
 
 NEW_FLIGHT_S = 2.0  # a time this far back is another flight, not a late frame
 MAX_REFUSED = 10  # frames in a row: without a time the track's age is unknown
+CAUSE_SIGMA = 3.0  # of the stated width, beyond which it is named as the cause of lines that begin no track
 ROUNDING_S = 1e-6  # of sums of times
 UNUSABLE = {Reason.FROZEN}  # flags of a frame whose lines may not update the track
 
@@ -231,8 +232,9 @@ class Tracker:
     ) -> Diagnostics:
         """Why there is no track that could begin with these lines: the stated width, else what was left out."""
         width = compare_width(memory.state, measurement, context.estimate.mode, self.config)
-        self._faults = self._faults.update_width(width, self.config)
-        flag = None if width is None else width.flag(self.config.integrity.alarm_sigma)
+        limit = CAUSE_SIGMA if gated.excluded else self.config.integrity.alarm_sigma
+        self._faults = self._faults.update_width(width, limit)
+        flag = None if width is None else width.flag(limit)
         flags = gated.excluded if flag is None else (flag,)
         self._faults = self._faults.forget() if flags else self._faults
         return flags
