@@ -291,9 +291,14 @@ def test_a_wrong_stated_width_is_flagged_or_bounded(share):
         assert (Reason.SPACING in flags) or 0.7 < share < 1.3
 
 
-def test_a_first_frame_that_contradicts_the_stated_width_begins_no_track():
+@pytest.mark.parametrize("ahead_m", [0.0, 60.0])
+def test_a_first_frame_that_contradicts_the_stated_width_begins_no_track(ahead_m):
+    """Also where the right line's point lies far ahead of the left line's."""
     config = replace(KNOWN, deck=replace(KNOWN.deck, width_m=26.0))
-    track = advance(Tracker(config), view(0.0), seen(np.random.default_rng(2), mode=DepthMode.COARSE))
+    estimate = seen(np.random.default_rng(2), mode=DepthMode.COARSE)
+    right = estimate.lines["right"]
+    right = replace(right, point_m=right.point_m + ahead_m * right.direction)
+    track = advance(Tracker(config), view(0.0), replace(estimate, lines=estimate.lines | {"right": right}))
     assert track.state is TrackState.LOST
     assert reasons(track.flags) == [Reason.SPACING]
     assert numbers_in(track.flags[0].message) == pytest.approx([15.0, 26.0], abs=0.3)

@@ -38,7 +38,10 @@ def compare_width(state: FilterState, measurement: Measurement, mode: DepthMode,
     if config.deck.width_m is None or len(measurement.sides) < len(SIDES):
         return None
     row = np.zeros(len(measurement.innovation))
-    row[measurement.rows("left")[0]], row[measurement.rows("right")[0]] = -1.0, 1.0
+    (left, left_azimuth), (right, right_azimuth) = measurement.rows("left"), measurement.rows("right")
+    row[[left, right]] = -1.0, 1.0
+    # The lines' points lie not abreast of each other: the measured azimuth takes out what the unknown one adds.
+    row[[left_azimuth, right_azimuth]] = -float(row @ measurement.design[:, States.AZIMUTH]) / 2
     design = row @ measurement.design
     sigma_m = float(np.sqrt(design @ state.covariance @ design + row @ measurement.noise @ row))
     spacing_m = float(state.mean[States.SPACING] + row @ measurement.innovation)
