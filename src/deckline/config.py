@@ -371,6 +371,10 @@ class Integrity:
         max_delay_s: the same of a pose behind its picture, s.
         max_drift_m_s: the largest sideways speed of the lines that a ship is thought to have, m/s; 3.5: 30 knots along
             a ship whose lines are turned by 13 degrees.
+        max_ship_m_s: the largest speed of a ship whose velocity is not stated, m/s; 15.4: 30 knots.
+        max_yaw_deg: the largest yaw of a turned camera that a heading's protection level may cover, degrees. Where a
+            larger one would not show, the heading has no level.
+        max_width_fraction: the largest possible error of the stated width, as a share of it; 4: a fifth is stated.
         max_line_m: the same of a line: another marking beside it, m. Foul lines lie up to 6 m outside the edge lines.
     """
 
@@ -387,6 +391,9 @@ class Integrity:
     max_focal_fraction: float = 0.005
     max_delay_s: float = 0.2
     max_drift_m_s: float = 3.5
+    max_ship_m_s: float = 15.4
+    max_yaw_deg: float = 10.0
+    max_width_fraction: float = 4.0
     max_line_m: float = 6.0
 
     def __post_init__(self) -> None:

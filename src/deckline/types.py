@@ -139,6 +139,8 @@ class Reason(StrEnum):
     """The angle between the lines is not what was stated."""
     DRIFT = "drift"
     """The lines move sideways as neither ship nor heading explain."""
+    YAW = "yaw"
+    """A camera that is turned in yaw, or a wrong principal point, would not show at this closing speed."""
     RESIDUALS = "residuals"
     """Residuals are too large for too long."""
     FROZEN = "frozen"
@@ -527,7 +529,7 @@ class Protection:
     vertical_m: float
     """Bound on the error of the height above deck, m."""
     heading_rad: float | None
-    """Bound on the error of the heading error, rad; None: the lines' drift, which shows a turned camera, is unknown."""
+    """Bound on the error of the heading error, rad; None: nothing bounds the yaw of a turned camera."""
     distance_m: float | None
     """Bound on the error of the distance to the ramp, m; None: no ramp is known."""
     risk: float

@@ -10,7 +10,7 @@ from steady_view import CALM, advance, advance_all, seen, view
 from deckline.config import Deck, RunConfig
 from deckline.track import Tracker
 from deckline.track.extent import move_ramp_to_deck
-from deckline.track.states import States, error_sigmas, initial_state
+from deckline.track.states import FAULTS, States, initial_state
 
 
 @pytest.mark.parametrize("ship", [(0.0, 0.0), (8.0, -3.0)])
@@ -69,13 +69,14 @@ def test_a_ramp_is_placed_on_the_deck_that_the_track_knows():
     mean, covariance = np.zeros(States.SIZE), np.zeros((States.SIZE, States.SIZE))
     mean[[States.HEAVE, States.PITCH]] = -2.5, 0.01
     covariance[States.HEIGHT, States.HEIGHT] = sigma_track**2
-    shared = error_sigmas(CALM) ** 2
-    ramp = move_ramp_to_deck(frame, estimate, replace(state, mean=mean, covariance=covariance), shared)
+    gains = np.zeros((States.SIZE, FAULTS))
+    gains[States.HEIGHT, -1] = 0.5  # of a wrong stated width
+    ramp = move_ramp_to_deck(frame, estimate, replace(state, mean=mean, covariance=covariance), gains)
     down = 15.0 - 2.5 - 0.01 * 50.0
     np.testing.assert_allclose(ramp.place_m, [-100.0 + 100.0 * down / 15.0, 0.0, -35.0 + down])
     assert ramp.sigma_m == pytest.approx(np.hypot(1.5, 100.0 / 15.0 * sigma_track))
     range_m = 100.0 * down / 15.0
     expected = np.zeros(States.SIZE)  # a camera pitched by a little moves the ramp by (r^2 + h^2) / h times as much
     expected[[States.ATTITUDE_Y, States.FOCAL]] = (range_m**2 + down**2) / down, range_m
-    np.testing.assert_allclose(ramp.response, expected[States.SHARED_ERRORS])
-    assert move_ramp_to_deck(frame, replace(estimate, ramp_m=None), state, shared) is None
+    np.testing.assert_allclose(ramp.response, [*expected[States.SHARED_ERRORS], 0.5 * 100.0 / 15.0])
+    assert move_ramp_to_deck(frame, replace(estimate, ramp_m=None), state, gains) is None

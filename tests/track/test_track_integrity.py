@@ -12,13 +12,19 @@ from test_track_tracker import deviations
 from deckline.config import Integrity
 from deckline.track import Tracker
 from deckline.track.filter import update
-from deckline.track.integrity import UNLIKELY, YOUNG, bias_flag, drift_flag, protection_levels, unverified_reasons
+from deckline.track.integrity import FaultMonitor
 from deckline.track.motion import Pose
-from deckline.track.states import States, initial_state
-from deckline.types import Reason, RunwayLine, TrackState
+from deckline.track.prior_tests import UNBOUNDED_YAW, UNLIKELY, YOUNG, bias_flag, drift_flag, unverified_reasons
+from deckline.track.protection import fault_gains, least_closing_speed, protection_levels, undetected_yaw
+from deckline.track.stated_width import WidthTest
+from deckline.track.states import KNOWN_DRIFT_SIGMA_M_S, States, initial_state
+from deckline.types import DepthMode, Reason, RunwayLine, TrackState, Value
 
 SLOW = Flight(modes="both", rate_hz=4.0, start_m=500.0)
 LINE = RunwayLine(np.zeros(3), 0.0, np.eye(3))
+QUANTILE = 5.3267  # of a normal error, two-sided, at a risk of 1e-7
+MOORED = replace(CALM, deck=replace(CALM.deck, ship_velocity_m_s=(0.0, 0.0)))
+SWELL = replace(KNOWN, deck=replace(KNOWN.deck, sea_state=4.0))
 
 
 def fly(flight, errors, config=KNOWN, change=lambda index, estimate: estimate):
@@ -138,12 +144,12 @@ def test_errors_that_are_each_just_possible_are_doubted_together():
         for index, size in sizes.items():  # measured well: 0.1 sigma
             design = np.eye(1, States.SIZE, index)
             now = update(now, np.array([size * sigmas[index]]), design, np.array([[0.01 * sigmas[index] ** 2]]))
-        return unverified_reasons(now, 5.0, 0.0, KNOWN)
+        return unverified_reasons(now, 5.0, 0.0, 0.05, KNOWN)
 
     assert doubts({States.DRIFT: 0.0, States.DECK: 3.2}) == ()
     assert doubts({States.DRIFT: 0.0, States.DECK: 3.2, States.FOCAL: 3.2}) == (UNLIKELY,)
     assert doubts({}) == (YOUNG,), "the drift is not known"
-    assert unverified_reasons(replace(state, covariance=0.01 * state.covariance), 0.0, 0.0, KNOWN) == (YOUNG,)
+    assert unverified_reasons(replace(state, covariance=0.01 * state.covariance), 0.0, 0.0, 0.05, KNOWN) == (YOUNG,)
 
 
 def test_a_stated_deck_height_that_lines_contradict_is_the_posterior_of_the_two():
@@ -169,10 +175,10 @@ def test_the_protection_level_is_that_of_noise_plus_the_worst_undetected_fault()
     covariance[States.DECK, States.DECK] = state.covariance[States.DECK, States.DECK]
     state = replace(state, covariance=covariance)
     pose = Pose(np.array([-100.0, 0.0, -10.0]), np.zeros(3), np.zeros(3))
-    level = protection_levels(state, pose, None, None, 1.0, KNOWN)
+    level = protection_levels(state, pose, None, None, None, 1.0, KNOWN)
     sigma, prior = np.hypot(0.3, KNOWN.sensors.position_white_m), state.covariance[States.DECK, States.DECK]
     assert level.vertical_m == pytest.approx(5.3267 * sigma + 0.02 / prior * KNOWN.integrity.max_deck_z_m, rel=1e-3)
-    rarer = protection_levels(state, pose, None, None, 1.0, replace(KNOWN, integrity=Integrity(risk=1e-3)))
+    rarer = protection_levels(state, pose, None, None, None, 1.0, replace(KNOWN, integrity=Integrity(risk=1e-3)))
     assert level.vertical_m - rarer.vertical_m == pytest.approx((5.3267 - 3.2905) * sigma, rel=1e-3)
 
 
@@ -202,22 +208,146 @@ def test_lines_that_drift_faster_than_a_ship_are_flagged():
         assert (drift_flag(known, CALM) is not None) is flagged
 
 
-def test_the_level_of_the_heading_holds_a_turned_camera():
-    """1 degree about every axis, the largest that the configuration allows."""
-    for turn_deg in np.eye(3):
-        flight = replace(SLOW, seed=5)
-        errors = draw_errors(flight)
-        errors = replace(errors, turn_rad=errors.turn_rad + np.deg2rad(turn_deg))
-        tracker, bounded = Tracker(CALM), 0
-        for frame, estimate, truth in approach(flight, errors=errors):
-            track = advance(tracker, frame, estimate)
-            if not track.lines or track.flags or track.age_s == 0.0:
-                continue
-            centre = true_lines(flight, frame.time_s)["centre"]
-            turned = frame.world_from_body.rotation.as_euler("ZYX")[0] - truth.rotation.as_euler("ZYX")[0]
-            heading = track.lines["centre"].azimuth_rad - centre.azimuth_rad - turned
-            level = track.protection.heading_rad
-            assert level is not None or track.age_s < 2.0  # until the lines' drift is known
-            assert level is None or abs(heading) < level
-            bounded += level is not None
-        assert bounded > 5
+def with_drift(config, drift_m_s, sigma_m_s):
+    """A state whose frames measured the lines' drift with a 1-sigma."""
+    design = np.eye(1, States.SIZE, States.DRIFT)
+    return update(initial_state(0.0, LINE, None, config), np.array([drift_m_s]), design, np.array([[sigma_m_s**2]]))
+
+
+def test_the_yaw_that_stays_undetected_is_what_the_drift_of_the_lines_allows():
+    """The largest drift of a ship, the measured one and its quantile; with the ship's velocity, that one's error."""
+    sigma = 0.1
+    unknown = (CALM.integrity.max_drift_m_s + 0.5 + QUANTILE * sigma) / 60.0
+    assert undetected_yaw(with_drift(CALM, 0.5, sigma), 60.0, CALM) == pytest.approx(np.arcsin(unknown), rel=1e-4)
+    stated = (0.5 + QUANTILE * np.hypot(KNOWN_DRIFT_SIGMA_M_S, sigma)) / 20.0
+    assert undetected_yaw(with_drift(MOORED, -0.5, sigma), 20.0, MOORED) == pytest.approx(np.arcsin(stated), rel=1e-4)
+
+
+def test_no_yaw_is_bounded_while_the_drift_is_unknown_or_the_aircraft_slow():
+    assert undetected_yaw(initial_state(0.0, LINE, None, CALM), 60.0, CALM) is None
+    assert undetected_yaw(initial_state(0.0, LINE, None, MOORED), 60.0, MOORED) is None
+    state = with_drift(CALM, 0.0, 0.1)
+    assert undetected_yaw(state, 20.0, CALM) is None  # 12 degrees would not show
+    assert undetected_yaw(state, -5.0, CALM) is None
+    assert unverified_reasons(state, 5.0, 0.0, None, CALM) == (UNBOUNDED_YAW,)
+    assert unverified_reasons(state, 5.0, 0.0, 0.1, CALM) == ()
+
+
+def test_the_closing_speed_is_the_least_that_ship_and_pictures_allow():
+    state = initial_state(0.0, LINE, None, CALM)
+    pose = Pose(np.zeros(3), np.array([40.0, 3.0, 2.0]), np.zeros(3))
+    assert least_closing_speed(state, pose, None, CALM) == pytest.approx(40.0 - CALM.integrity.max_ship_m_s)
+    assert least_closing_speed(state, pose, Value(38.0, 1.0), CALM) == pytest.approx(38.0 - QUANTILE, rel=1e-4)
+    assert least_closing_speed(state, pose, Value(38.0, 9.0), CALM) == pytest.approx(40.0 - CALM.integrity.max_ship_m_s)
+    sailing = replace(CALM, deck=replace(CALM.deck, ship_velocity_m_s=(8.0, 2.0)))
+    assert least_closing_speed(state, pose, Value(38.0, 1.0), sailing) == pytest.approx(32.0)
+
+
+def test_a_wrong_stated_width_moves_the_estimates_by_the_posterior_of_a_wrong_prior_mean():
+    """Two priors a metre apart, the same measurement of spacing and height: the difference of the means."""
+    means = []
+    for width_m in (15.0, 16.0):
+        config = replace(SWELL, deck=replace(SWELL.deck, width_m=width_m))
+        state = initial_state(0.0, LINE, None, config)
+        design = np.zeros((1, States.SIZE))
+        design[0, [States.SPACING, States.HEAVE]] = 1.0, -0.7
+        state = update(state, np.array([15.2 - width_m]), design, np.array([[0.2**2]]))
+        means.append(state.mean)
+    gain = fault_gains(state, 0.0, config)[:, -1]
+    assert abs(gain[States.HEAVE]) > 0.5
+    np.testing.assert_allclose(means[1] - means[0], gain, atol=1e-12)
+
+
+def test_a_deck_that_heaves_beyond_its_sea_state_is_flagged_and_named_by_the_width():
+    state = initial_state(0.0, LINE, None, SWELL)
+    heave_m = 6.0 * np.sqrt(state.covariance[States.HEAVE, States.HEAVE])
+    design = np.eye(1, States.SIZE, States.HEAVE)
+    raised = update(state, np.array([heave_m]), design, np.array([[0.05**2]]))
+    camera_m = np.array([-100.0, 0.0, -20.0])
+    flag = bias_flag(raised, 0.0, SWELL, camera_m)
+    assert flag.reason is Reason.SPACING
+    by_height = 15.0 * 20.0 / (20.0 + raised.mean[States.HEAVE])
+    assert numbers_in(flag.message) == pytest.approx([by_height, 15.0], abs=0.06)
+    assert bias_flag(raised, 0.0, SWELL).reason is Reason.HEIGHT
+    assert bias_flag(update(state, np.array([0.5 * heave_m]), design, np.array([[0.05**2]])), 0.0, SWELL) is None
+
+
+def test_a_wrong_deck_height_is_named_with_the_stated_one():
+    state = initial_state(0.0, LINE, None, KNOWN)
+    design = np.eye(1, States.SIZE, States.DECK)
+    wrong = update(state, np.array([2.0]), design, np.array([[0.01**2]]))
+    flag = bias_flag(wrong, 0.0, KNOWN)
+    assert flag.reason is Reason.HEIGHT
+    assert numbers_in(flag.message) == pytest.approx([0.0, 2.0], abs=0.06)
+
+
+@pytest.mark.parametrize("share", [0.25, 0.8, 0.93, 1.07, 1.2, 1.75])
+def test_a_wrong_stated_width_is_flagged_or_bounded(share):
+    config = replace(SWELL, deck=replace(SWELL.deck, width_m=15.0 * share))
+    for seed in (21, 22):
+        flight = replace(SLOW, modes="coarse", seed=seed, heave_m=0.7)
+        flags, misleading = fly(flight, draw_errors(flight), config)
+        assert misleading == 0
+        assert (Reason.SPACING in flags) or 0.7 < share < 1.3
+
+
+@pytest.mark.parametrize("ahead_m", [0.0, 60.0])
+def test_a_first_frame_that_contradicts_the_stated_width_begins_no_track(ahead_m):
+    """Also where the right line's point lies far ahead of the left line's."""
+    config = replace(KNOWN, deck=replace(KNOWN.deck, width_m=26.0))
+    estimate = seen(np.random.default_rng(2), mode=DepthMode.COARSE)
+    right = estimate.lines["right"]
+    right = replace(right, point_m=right.point_m + ahead_m * right.direction)
+    track = advance(Tracker(config), view(0.0), replace(estimate, lines=estimate.lines | {"right": right}))
+    assert track.state is TrackState.LOST
+    assert reasons(track.flags) == [Reason.SPACING]
+    assert numbers_in(track.flags[0].message) == pytest.approx([15.0, 26.0], abs=0.3)
+
+
+def test_a_contradicted_width_is_withdrawn_by_a_comparable_test_alone():
+    wrong, right, blunt = (
+        WidthTest(*spacing, DepthMode.COARSE) for spacing in ((26, 15, 1), (15.5, 15, 1.2), (17, 15, 3))
+    )
+    contradicted = FaultMonitor().update_width(wrong, 5.0)
+    assert contradicted.contradiction is wrong
+    assert contradicted.update_width(blunt, 5.0).contradiction is wrong
+    assert contradicted.restart(None, KNOWN).contradiction is wrong
+    assert contradicted.update_width(None, 5.0).contradiction is wrong
+    assert contradicted.update_width(right, 5.0).contradiction is None
+    state = initial_state(0.0, LINE, None, KNOWN)
+    assert reasons(contradicted.active_flags(None, state, None, None, 5.0, KNOWN)) == [Reason.SPACING]
+
+
+def test_one_large_error_is_doubted_among_many_small_ones():
+    state = initial_state(0.0, LINE, None, KNOWN)
+    sigmas = np.sqrt(np.diag(state.covariance))
+    tested = [States.DRIFT, *range(States.SIZE)[States.SHARED_ERRORS]]
+    for size, doubted in ((3.0, False), (4.4, True)):
+        now = state
+        for index in tested:
+            error = size if index == States.FOCAL else 0.0
+            noise = np.array([[1e-4 * sigmas[index] ** 2]])
+            now = update(now, np.array([error * sigmas[index]]), np.eye(1, States.SIZE, index), noise)
+        assert (UNLIKELY in unverified_reasons(now, 5.0, 0.0, 0.05, KNOWN)) is doubted
+        assert bias_flag(now, 0.0, KNOWN) is None
+
+
+@pytest.mark.parametrize("turn_deg", [*np.eye(3), np.array([0.0, 0.0, -3.0])])
+def test_the_level_of_the_heading_holds_a_turned_camera(turn_deg):
+    """1 degree about every axis, and a yaw that no test flags."""
+    flight = replace(SLOW, seed=5)
+    errors = draw_errors(flight)
+    errors = replace(errors, turn_rad=errors.turn_rad + np.deg2rad(turn_deg))
+    tracker, bounded = Tracker(CALM), 0
+    for frame, estimate, truth in approach(flight, errors=errors):
+        track = advance(tracker, frame, estimate)
+        if not track.lines or track.flags or track.age_s == 0.0:
+            continue
+        centre = true_lines(flight, frame.time_s)["centre"]
+        turned = frame.world_from_body.rotation.as_euler("ZYX")[0] - truth.rotation.as_euler("ZYX")[0]
+        heading = track.lines["centre"].azimuth_rad - centre.azimuth_rad - turned
+        level = track.protection.heading_rad
+        assert level is not None or track.age_s < 2.0  # until the lines' drift is known
+        assert level is None or abs(heading) < level
+        bounded += level is not None
+    assert bounded > 5

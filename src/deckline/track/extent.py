@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.geometry import intersect_plane
-from deckline.track.states import FilterState, States
+from deckline.track.states import FAULTS, FilterState, States
 from deckline.types import SIDES, Frame, RunwayEstimate, RunwayLine, RunwayPrior, Value
 
 Array = NDArray[np.float64]
@@ -28,7 +28,7 @@ class Extent:
     near_m: Array  # (3,)
     speed_m_s: float  # along the line
     covariance: Array  # (2, 2) of position and speed along the line
-    response: Array  # (2, 8) of both to one unit of each error that all frames share (`States.SHARED_ERRORS`)
+    response: Array  # (2, 9) of both to one unit of each possible fault (`fault_gains`)
     is_ramp: bool  # the end itself was in view; else the nearest part of the lines
     length_m: float
 
@@ -59,12 +59,10 @@ class Ramp:
 
     place_m: Array  # (3,)
     sigma_m: float  # along the deck
-    response: Array  # (8,) of the place along the deck to one unit of each shared error, as large as it may be
+    response: Array  # (9,) of the place along the deck to one unit of each possible fault, as large as it may be
 
 
-def move_ramp_to_deck(
-    frame: Frame, estimate: RunwayEstimate, state: FilterState, shared_variances: Array
-) -> Ramp | None:
+def move_ramp_to_deck(frame: Frame, estimate: RunwayEstimate, state: FilterState, gains: Array) -> Ramp | None:
     """The frame's ramp, moved along its ray onto the track's present deck.
 
     One frame alone may know the deck's mean height only, and on a higher deck a ramp far ahead is nearer.
@@ -73,7 +71,7 @@ def move_ramp_to_deck(
         frame: the pose.
         estimate: of the frame; None is returned for one without a ramp.
         state: of this frame.
-        shared_variances: (8,) of the shared errors.
+        gains: (20, 9) by `fault_gains`.
     """
     pose, ramp, sigma_m = frame.world_from_camera, estimate.ramp_m, estimate.ramp_sigma_m
     if pose is None or ramp is None or sigma_m is None or not estimate.lines:
@@ -83,16 +81,17 @@ def move_ramp_to_deck(
     row[[States.HEIGHT, States.HEAVE, States.PITCH]] = 1.0, 1.0, float(state.local(ramp)[0])
     down = float(state.point_m[2] + row @ state.mean - pose.translation[2])
     if min(ray[2], down) < MIN_HEIGHT_M:
-        return Ramp(ramp, sigma_m, np.zeros(len(shared_variances)))
+        return Ramp(ramp, sigma_m, np.zeros(FAULTS))
     line = next(iter(estimate.lines.values()))
     per_metre = float(np.hypot(ray[0], ray[1])) / ray[2]
     own = max(sigma_m**2 - per_metre**2 * float(line.aircraft_covariance[2, 2]), (MIN_RAMP_OWN_SHARE * sigma_m) ** 2)
     variance = own + per_metre**2 * float(row @ state.covariance @ row)
-    response = per_metre * np.abs(row @ state.covariance[:, States.SHARED_ERRORS]) / shared_variances
+    response = per_metre * np.abs(row @ gains)
     range_m, direct = per_metre * down, np.zeros(States.SIZE)
     direct[[States.ATTITUDE_Y, States.FOCAL]] = (range_m**2 + down**2) / down, range_m
     place_m = pose.translation + down / ray[2] * ray
-    return Ramp(place_m, float(np.sqrt(variance)), response + direct[States.SHARED_ERRORS])
+    response[:-1] += direct[States.SHARED_ERRORS]
+    return Ramp(place_m, float(np.sqrt(variance)), response)
 
 
 def update_extent(
@@ -133,7 +132,7 @@ def update_extent(
     elif extent is None and visible is not None:
         length = visible[1] - visible[0]
         covariance = np.diag([length**2, SHIP_SPEED_SIGMA_M_S**2])
-        response = np.zeros((2, States.SIZE))[:, States.SHARED_ERRORS]
+        response = np.zeros((2, FAULTS))
         extent = Extent(_point_at(state, visible[0]), ship_m_s or 0.0, covariance, response, False, length)
     if extent is None or visible is None:
         return extent

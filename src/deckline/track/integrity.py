@@ -1,212 +1,26 @@
-"""Fault tests of the filter, and protection levels against what these tests miss.
+"""What contradicts a track: memory of measurements left out, of the track before, and of a wrong stated width."""
 
-The filter estimates the errors that all frames share from how lines change on the approach: with a wrong deck height,
-for example, lines drift apart as the aircraft descends. An estimate farther from zero than its variance allows is a
-fault. A fault of size m that no test shows moves the estimate by P_xb / P_bb(0) m (the posterior of a Gaussian with a
-wrong prior mean). The protection level adds the largest of these, over faults up to the smallest size that one of the
-tests surely shows, or the largest size that is possible.
-"""
-
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2, norm
 
 from deckline.config import RunConfig
 from deckline.geometry import wrap_angle
 from deckline.track.extent import Extent
-from deckline.track.filter import delay_effect, line_rows, predict
+from deckline.track.filter import predict
 from deckline.track.measurement import NAMES, GatedMeasurement
-from deckline.track.motion import Pose
-from deckline.track.states import (
-    KNOWN_DRIFT_SIGMA_M_S,
-    RAMP_SIGMA_M,
-    FilterState,
-    States,
-    drift_sigma,
-    error_sigmas,
-    width_sigma_m,
-)
-from deckline.types import Diagnostic, Diagnostics, Protection, Reason, RunwayLine
+from deckline.track.prior_tests import bias_flag, drift_flag
+from deckline.track.stated_width import WidthTest
+from deckline.track.states import FilterState, States
+from deckline.types import Diagnostic, Diagnostics, Reason, RunwayLine
 
 Array = NDArray[np.float64]
-OBSERVED_SHARE = 0.1  # of a prior's variance that must be gone before its estimate is tested
 MIN_RESIDUALS = 10
 WHAT = dict(NAMES.values())  # may be left out, in words
 MAX_SPACING_SIGMA_M = 1.0  # of a track whose lines are compared with those of the next track
+COMPARABLE_SIGMA = 1.5  # times the sigma of a contradicted width, up to which another test may withdraw it
 MIN_SPACING_M = 1.0  # below this left and right are swapped
-MESSAGES = {
-    States.ATTITUDE_X: (Reason.BORESIGHT, "degrees", "the camera seems rolled by {:+.2f} degrees against its mounting"),
-    States.ATTITUDE_Y: (
-        Reason.BORESIGHT,
-        "degrees",
-        "the camera seems pitched by {:+.2f} degrees against its mounting",
-    ),
-    States.DECK: (Reason.HEIGHT, "m", "the deck's height or the aircraft's seems {:+.1f} m wrong"),
-    States.SCALE: (Reason.DEPTH, "percent", "depths seem {:+.1f} % wrong"),
-    States.FOCAL: (Reason.FOCAL, "percent", "the focal length seems {:+.2f} % wrong"),
-    States.DELAY: (Reason.DELAY, "s", "the pose seems {:+.2f} s older than the picture"),
-    States.LEFT: (Reason.LEFT, "m", "the left line seems to be another marking, {:+.1f} m beside it"),
-    States.RIGHT: (Reason.RIGHT, "m", "the right line seems to be another marking, {:+.1f} m beside it"),
-    States.SPACING: (Reason.SPACING, "m", "the lines' spacing is {:+.1f} m off what was stated"),
-    States.ANGLE: (Reason.ANGLE, "degrees", "the angle between the lines is {:+.1f} degrees off what was stated"),
-    States.DRIFT: (
-        Reason.DRIFT,
-        "m",
-        "the lines drift sideways at {:+.1f} m/s, which neither ship nor heading explain",
-    ),
-}
-YOUNG = Diagnostic(Reason.YOUNG_TRACK, "the track is too young to show contradictions")
-UNLIKELY = Diagnostic(
-    Reason.UNLIKELY_ERRORS, "the errors of sensors and paint that would explain the lines are unlikely together"
-)
-SCALES = {"degrees": float(np.rad2deg(1.0)), "percent": 100.0, "m": 1.0, "s": 1.0}
-
-
-def stated_priors(config: RunConfig) -> dict[int, tuple[float, float]]:
-    """Prior mean and variance of every state that is tested against what was stated."""
-    shared = range(States.SIZE)[States.SHARED_ERRORS]
-    priors = {index: (0.0, float(sigma**2)) for index, sigma in zip(shared, error_sigmas(config), strict=True)}
-    priors[States.ANGLE] = config.deck.angle_rad, config.deck.angle_sigma_rad**2
-    if config.deck.width_m is not None:
-        priors[States.SPACING] = config.deck.width_m, width_sigma_m(config) ** 2
-    if config.deck.ship_velocity_m_s is not None:
-        priors[States.DRIFT] = 0.0, drift_sigma(config) ** 2
-    return priors
-
-
-def is_drift_known(state: FilterState) -> bool:
-    """Whether the lines' sideways speed is estimated well enough for `drift_flag`."""
-    return bool(state.covariance[States.DRIFT, States.DRIFT] <= KNOWN_DRIFT_SIGMA_M_S**2)
-
-
-def drift_flag(state: FilterState, config: RunConfig) -> Diagnostic | None:
-    """A flag for lines that move sideways faster than a ship can, as they seem to where the camera is turned in yaw."""
-    drift, sigma = float(state.mean[States.DRIFT]), float(np.sqrt(state.covariance[States.DRIFT, States.DRIFT]))
-    if abs(drift) - config.integrity.alarm_sigma * sigma <= config.integrity.max_drift_m_s:
-        return None
-    message = f"the lines drift sideways at {drift:+.1f} m/s, faster than a ship's: is the camera turned in its mount?"
-    return Diagnostic(Reason.DRIFT, message)
-
-
-@dataclass(frozen=True, eq=False)
-class PriorTest:
-    """A state's estimate against what was stated of it."""
-
-    index: int  # of the state
-    row: Array  # (20,) that gives the estimate
-    bias: float  # estimated minus stated
-    sigma: float  # of that, if what was stated is true
-
-
-def prior_tests(state: FilterState, near_m: float, config: RunConfig) -> Iterator[PriorTest]:
-    """The tests of all states that frames have observed well enough.
-
-    Args:
-        near_m: where the runway begins, m along the line from the state's point: there it has its stated spacing.
-    """
-    for index, (expected, variance) in stated_priors(config).items():
-        row, place = np.zeros(States.SIZE), 0.0
-        row[index] = 1.0
-        if index == States.SPACING:
-            row[States.ANGLE] = near_m
-            place = config.deck.angle_sigma_rad * RAMP_SIGMA_M  # what is stated holds where the runway truly begins
-        observed = variance - float(row @ state.covariance @ row)
-        if observed > OBSERVED_SHARE * variance:
-            yield PriorTest(index, row, float(row @ state.mean - expected), float(np.sqrt(observed + place**2)))
-
-
-def bias_flag(state: FilterState, near_m: float, config: RunConfig) -> Diagnostic | None:
-    """The state that is most significantly off its prior, if any is; `near_m` as in `prior_tests`."""
-    tests = list(prior_tests(state, near_m, config))
-    worst = max(tests, key=lambda test: abs(test.bias) / test.sigma, default=None)
-    if worst is None or abs(worst.bias) / worst.sigma <= config.integrity.alarm_sigma:
-        return None
-    reason, unit, message = MESSAGES[worst.index]
-    return Diagnostic(reason, message.format(SCALES[unit] * worst.bias))
-
-
-def unverified_reasons(state: FilterState, age_s: float, near_m: float, config: RunConfig) -> Diagnostics:
-    """Why a track that no test flags is not verified.
-
-    Several errors that are each just possible are unlikely together: the overall model test, which sums the squares of
-    all prior tests. They count as independent, which they are not quite: one in 2,000 `ok` frames of modelled nominal
-    flights is doubted by a risk of one in 1,000. Source: Teunissen, "Distributional theory for the DIA method", 2018.
-
-    Args:
-        state: of the track.
-        age_s: of the track.
-        near_m: as in `prior_tests`.
-        config: limits.
-    """
-    young = age_s < config.integrity.persist_s or not is_drift_known(state)
-    squares = [(test.bias / test.sigma) ** 2 for test in prior_tests(state, near_m, config)]
-    unlikely = bool(squares) and chi2.sf(sum(squares), len(squares)) < config.integrity.doubt_risk
-    return tuple(doubt for doubt, holds in ((YOUNG, young), (UNLIKELY, unlikely)) if holds)
-
-
-def protection_levels(
-    state: FilterState, pose: Pose, touchdown_m: float | None, ramp: Extent | None, far: float, config: RunConfig
-) -> Protection:
-    """Bounds on errors of the lateral deviation beside the aircraft, of the deck's height at touchdown, of the heading
-    and of the distance to the ramp.
-
-    All are as seen from the aircraft: an error of its own position or heading moves them with it. They hold for one
-    fault at a time of those that `Integrity` names.
-
-    Args:
-        touchdown_m: touchdown point, m along the line from the state's point; None: not known, the point itself.
-        ramp: None: not known.
-        far: times by which 1-sigmas of place and direction are too small from so far away.
-        config: limits.
-    """
-    x = float(state.local(pose.position_m)[0])
-    delay, sensors = delay_effect(state, pose, 0.0), config.sensors
-    near_m = 0.0 if touchdown_m is None else touchdown_m - config.approach.touchdown_m
-    faults, quantile = _undetected_faults(state, near_m, config), float(norm.isf(config.integrity.risk / 2))
-
-    def bound(row: Array, white: float, times: float) -> tuple[float, float]:
-        """Of the filter's own error, and of one undetected fault."""
-        effect = np.abs(row @ state.covariance[:, States.SHARED_ERRORS]) / error_sigmas(config) ** 2
-        sigma = float(np.sqrt(row @ state.covariance @ row + white**2))
-        return quantile * times * sigma, float(np.max(effect * faults))
-
-    at_touchdown = line_rows(state, 0.0, touchdown_m or 0.0, delay)
-    chance, fault = bound(at_touchdown[1], sensors.attitude_white_rad, far)
-    # A camera that is turned about the vertical turns the lines with it, and their drift alone shows that.
-    turned = max(fault, float(np.deg2rad(config.integrity.max_boresight_deg)))
-    heading_rad = chance + turned if is_drift_known(state) else None
-    distance_m = None
-    if ramp is not None:
-        distance_m = quantile * far * float(np.hypot(ramp.sigma_m, sensors.position_white_m))
-        distance_m += float(np.max(np.abs(ramp.response[0]) * faults))
-    return Protection(
-        lateral_m=sum(bound(line_rows(state, 0.0, x, delay)[0], sensors.position_white_m, far)),
-        vertical_m=sum(bound(at_touchdown[2], sensors.position_white_m, 1.0)),
-        heading_rad=heading_rad,
-        distance_m=distance_m,
-        risk=config.integrity.risk,
-    )
-
-
-def _undetected_faults(state: FilterState, near_m: float, config: RunConfig) -> Array:
-    """The largest size (8,) of each shared error that may stay undetected by any test, in its own unit.
-
-    An error of size m moves another state's estimate by P_xb / P_bb(0) m, and its own by 1 - P_bb / P_bb(0).
-    """
-    test = config.integrity
-    boresight = float(np.deg2rad(test.max_boresight_deg))
-    largest = [boresight, boresight, test.max_deck_z_m, test.max_depth_scale, test.max_focal_fraction]
-    undetected = np.array([*largest, test.max_delay_s, test.max_line_m, test.max_line_m])
-    variances = error_sigmas(config) ** 2
-    for one in prior_tests(state, near_m, config):
-        own = np.eye(States.SIZE)[one.index, States.SHARED_ERRORS]
-        response = one.row @ state.covariance[:, States.SHARED_ERRORS] / variances - own
-        surely = (test.alarm_sigma + test.missed_sigma) * one.sigma
-        undetected = np.minimum(undetected, surely / np.maximum(np.abs(response), 1e-12))
-    return undetected
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,6 +31,7 @@ class FaultMonitor:
     degrees: float = 0.0  # and of their degrees of freedom
     since_s: dict[Reason, float] = field(default_factory=dict)  # since when a measurement is left out
     previous: FilterState | None = None  # of the track before this one, at its end
+    contradiction: WidthTest | None = None  # the sharpest that the stated width failed
 
     def update(self, gated: GatedMeasurement | None, time_s: float, step_s: float, config: RunConfig) -> "FaultMonitor":
         """After one more frame; a frame without a line changes nothing about those that are left out."""
@@ -243,6 +58,20 @@ class FaultMonitor:
             for reason, since in self.since_s.items()
         )
 
+    def update_width(self, test: WidthTest | None, limit_sigma: float) -> "FaultMonitor":
+        """After the first frame of a track: one that agrees with the stated width withdraws a contradiction.
+
+        From a smaller height the same width agrees with more, so a much weaker test withdraws nothing.
+        """
+        if test is None:
+            return self
+        known = self.contradiction
+        if test.flag(limit_sigma) is not None:
+            is_sharper = known is None or test.sigma_m < known.sigma_m
+            return replace(self, contradiction=test) if is_sharper else self
+        is_withdrawn = known is not None and test.sigma_m <= COMPARABLE_SIGMA * known.sigma_m
+        return replace(self, contradiction=None) if is_withdrawn else self
+
     def forget(self) -> "FaultMonitor":
         """Without what is left out: the track that it contradicted is given up."""
         return replace(self, since_s={})
@@ -253,7 +82,7 @@ class FaultMonitor:
         if before is not None and np.sqrt(before.covariance[States.SPACING, States.SPACING]) < MAX_SPACING_SIGMA_M:
             is_other = previous is not None and _change_flag(previous, before, None, config) is not None
             previous = previous if is_other else before
-        return FaultMonitor(since_s=self.since_s, previous=previous)
+        return FaultMonitor(since_s=self.since_s, previous=previous, contradiction=self.contradiction)
 
     def active_flags(
         self,
@@ -282,8 +111,13 @@ class FaultMonitor:
                 flags.append(Diagnostic(reason, f"{message}, for {time_s - since:.1f} s"))
         if state is not None:
             near_m = 0.0 if extent is None else float(state.local(extent.near_m)[0])
-            flags += [bias_flag(state, near_m, config), drift_flag(state, config), self._residual_flag(config)]
+            flags += [
+                bias_flag(state, near_m, config, aircraft_m),
+                drift_flag(state, config),
+                self._residual_flag(config),
+            ]
             flags += [] if self.previous is None else [_change_flag(self.previous, state, aircraft_m, config)]
+            flags += [] if self.contradiction is None else [self.contradiction.flag(0.0)]
         return tuple(flag for flag in flags if flag is not None)
 
     def _residual_flag(self, config: RunConfig) -> Diagnostic | None:

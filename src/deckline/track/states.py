@@ -44,6 +44,8 @@ class States:
     SIZE = 20
 
 
+FAULTS = States.SHARED_ERRORS.stop - States.SHARED_ERRORS.start + 1  # possible faults: each shared error, stated width
+
 # Initial state and its 1-sigma, P.
 INITIAL_SIGMA_M, INITIAL_SIGMA_RAD = 1000.0, 1.0  # of an unknown line
 SPACING_M, SPACING_SIGMA_M = 20.0, 20.0  # of an unknown spacing: between 14.7 m (Li et al. 2024) and 24 m (carriers)

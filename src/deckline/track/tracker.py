@@ -9,9 +9,11 @@ from deckline.track.extent import move_ramp_to_deck, runway_prior, update_extent
 from deckline.track.filter import predict, shift_reference, track_lines, update
 from deckline.track.forecast import Forecast, TrackMemory, describe_track
 from deckline.track.integrity import FaultMonitor, check_order
-from deckline.track.measurement import GatedMeasurement, measure, select_consistent
+from deckline.track.measurement import GatedMeasurement, Measurement, measure, select_consistent
 from deckline.track.motion import Aircraft, Pose, advance_aircraft, start_aircraft
-from deckline.track.states import CORRELATION_TIME_S, SENSOR_FLOOR, error_sigmas, initial_state
+from deckline.track.protection import fault_gains
+from deckline.track.stated_width import compare_width
+from deckline.track.states import CORRELATION_TIME_S, SENSOR_FLOOR, initial_state
 from deckline.types import (
     SIDES,
     Diagnostic,
@@ -27,6 +29,7 @@ from deckline.types import (
 
 NEW_FLIGHT_S = 2.0  # a time this far back is another flight, not a late frame
 MAX_REFUSED = 10  # frames in a row: without a time the track's age is unknown
+CAUSE_SIGMA = 3.0  # of the stated width, beyond which it is named as the cause of lines that begin no track
 ROUNDING_S = 1e-6  # of sums of times
 UNUSABLE = {Reason.FROZEN}  # flags of a frame whose lines may not update the track
 
@@ -205,9 +208,8 @@ class Tracker:
                 self._faults = self._faults.forget()
                 back = _restart("a measurement that was left out is back")
                 return self._start_track(replace(context, diagnostics=(*context.diagnostics, back)), memory.aircraft)
-        if gated is not None and gated.excluded and memory.start_s == time_s:  # there is no track that could be right
-            self._faults = self._faults.forget()
-            return _lost_track(context, gated, context.flags + gated.excluded)
+            if memory.start_s == time_s and (flags := self._start_flags(memory, measurement, gated, context)):
+                return _lost_track(context, gated, context.flags + flags)
         self._faults = self._faults.update(gated, time_s, context.step_s, config)
         memory = self._update_memory(memory, gated, context)
         unseen_s, inconsistent_s = time_s - memory.seen_s, time_s - memory.consistent_s
@@ -225,6 +227,18 @@ class Tracker:
         )
         return self._track(memory, context, pose, gated, flags)
 
+    def _start_flags(
+        self, memory: TrackMemory, measurement: Measurement, gated: GatedMeasurement, context: FrameContext
+    ) -> Diagnostics:
+        """Why there is no track that could begin with these lines: the stated width, else what was left out."""
+        width = compare_width(memory.state, measurement, context.estimate.mode, self.config)
+        limit = CAUSE_SIGMA if gated.excluded else self.config.integrity.alarm_sigma
+        self._faults = self._faults.update_width(width, limit)
+        flag = None if width is None else width.flag(limit)
+        flags = gated.excluded if flag is None else (flag,)
+        self._faults = self._faults.forget() if flags else self._faults
+        return flags
+
     def _update_memory(self, memory: TrackMemory, gated: GatedMeasurement | None, context: FrameContext) -> TrackMemory:
         """The memory after the part of the measurement that passed the gate."""
         time_s = context.frame.time_s
@@ -237,7 +251,8 @@ class Tracker:
             memory.state, gated.accepted.innovation, gated.accepted.design, correlated * gated.accepted.noise
         )
         state = shift_reference(state, gated.accepted.x_m)
-        ramp = move_ramp_to_deck(context.frame, context.estimate, state, error_sigmas(self.config) ** 2)
+        near_m = 0.0 if memory.extent is None else float(state.local(memory.extent.near_m)[0])
+        ramp = move_ramp_to_deck(context.frame, context.estimate, state, fault_gains(state, near_m, self.config))
         speed = self.config.deck.ship_velocity_m_s
         along = None if speed is None else float(np.array(speed) @ state.along[:2])
         visible = visible_extent(context.frame, context.estimate, state)

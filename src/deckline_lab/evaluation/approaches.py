@@ -51,6 +51,7 @@ class FlightsConfig:
         visibility: of each approach, metres at 2 % contrast, LOW..HIGH or clear.
         range_m: distances to the ramp where an approach begins and ends.
         fov_deg: horizontal field of view.
+        speed_m_s: of the aircraft through still air.
         options: of the configuration that flies. The simulator draws the errors of pose, calibration, depth and deck
             height from its sensors and moves the deck by its sea state.
 
@@ -64,6 +65,7 @@ class FlightsConfig:
     visibility: str = "500..3000"
     range_m: tuple[float, float] = (800.0, 20.0)
     fov_deg: float = 90.0
+    speed_m_s: float = 65.0
     options: Annotated[RunOptions, tyro.conf.arg(name="")] = field(default_factory=RunOptions)
 
     def __post_init__(self) -> None:
@@ -94,7 +96,9 @@ class FlightsConfig:
             start_m=self.range_m[0],
             end_m=self.range_m[1],
             motion=MotionConfig(self.run.deck.sea_state),
-            flight=FlightConfig(glideslope_deg=wanted.glideslope_deg, touchdown_m=wanted.touchdown_m),
+            flight=FlightConfig(
+                glideslope_deg=wanted.glideslope_deg, touchdown_m=wanted.touchdown_m, speed_m_s=self.speed_m_s
+            ),
             depth=DepthConfig(DEPTH_RANGE_M),
             navigation=NavigationConfig(
                 position_sigma_m=sensors.position_white_m,
@@ -152,6 +156,7 @@ def describe_flights(config: FlightsConfig) -> str:
     navigation = grade or f"{sensors.position_m:g} m and {sensors.attitude_deg:g} degrees"
     return (
         f"{config.frames} frames, preset {config.preset}, V {config.visibility} m, {far_m:g} to {near_m:g} m, "
+        f"{config.speed_m_s:g} m/s, "
         f"navigation {navigation}, sea state {config.run.deck.sea_state:g}, seed {config.seed}"
     )
 

@@ -11,7 +11,11 @@ from deckline_lab.evaluation import integrity_sensors as sensors
 from deckline_lab.evaluation.approaches import Sighting
 from deckline_lab.evaluation.integrity_sensors import Begin
 
-YAW_DEG, PITCH_DEG = 5.0, 3.0  # of the camera mount, either way
+PITCH_DEG = 3.0  # of the camera mount, either way
+YAW_DEG = (1.5, 5.0, 8.0, 12.0)
+CX_PX = (15.0, 60.0)  # of the stated principal point, either way
+CROPPED = (0.05, 0.15)  # share of the picture's columns, at its left
+WIDTH_OFF = (0.07, 0.2, 0.75)  # of the stated width, as a share of the true one, either way
 DECK_UP_M = 10.0
 
 
@@ -35,6 +39,8 @@ class Fault:
     """Flights that it is put into."""
     begin: Begin
     """Draws the size of the fault and returns what it does to each frame."""
+    width_off: float = 0.0
+    """Error of the stated width, as a share of the true one, either way; 0: none."""
 
 
 FAULTS = {
@@ -55,7 +61,10 @@ FAULTS = {
         Fault("swapped poses", True, Runs.RENDERED, sensors.swap_poses),
         Fault("deck height once", True, Runs.MODELLED, sensors.shift_deck_once),
         Fault("deck height", False, Runs.MODELLED, sensors.shift_deck),
-        Fault("mount 5 deg in yaw", False, Runs.BOTH, sensors.turn_mount("z", YAW_DEG)),
+        *(Fault(f"mount {deg:g} deg in yaw", False, Runs.BOTH, sensors.turn_mount("z", deg)) for deg in YAW_DEG),
+        *(Fault(f"cx {px:g} px off", False, Runs.BOTH, sensors.move_principal_point(px)) for px in CX_PX),
+        *(Fault(f"left {share:.0%} cropped", False, Runs.BOTH, sensors.crop_left(share)) for share in CROPPED),
+        *(Fault(f"width {off:.0%} off", False, Runs.BOTH, sensors.change_nothing, off) for off in WIDTH_OFF),
         Fault("mount 3 deg in pitch", False, Runs.BOTH, sensors.turn_mount("y", PITCH_DEG)),
         Fault("deck height -10 m", False, Runs.BOTH, sensors.set_deck(lambda frame, z_m: z_m - DECK_UP_M)),
         Fault("deck height of the sea", False, Runs.BOTH, sensors.set_deck(lambda frame, z_m: frame.sea_z_m)),

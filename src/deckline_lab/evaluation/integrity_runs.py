@@ -221,12 +221,17 @@ def _faults_table(rows: Mapping[str, FaultRow]) -> Table:
         counts = (row.runs, row.detected, row.harmless, row.misleading, row.misleading_ok)
         frames = (row.misleading_frames, row.excluding_frames, row.frames - row.lost_frames)
         shares = (f"{100 * count / row.frames:.2f}" for count in frames)
+        ok = f"{row.misleading_ok_frames} of {row.ok_frames}"
         good_share = _share(row.detected + row.harmless, row.runs)
-        cells.append((name, *map(str, counts), good_share, *shares, number(row.delay_s, ".1f")))
+        cells.append((name, *map(str, counts), good_share, *shares, ok, number(row.delay_s, ".1f")))
     runs, good = sum(row.runs for row in rows.values()), sum(row.detected + row.harmless for row in rows.values())
     title = f"faults: {_share(good, runs)}; {100 * GOOD_SHARE:g} % is asked for"
     columns = ("fault", "runs", "detected", "harmless", "misleading", "misleading as ok", "detected or harmless, %")
-    return Table(title, (*columns, "misleading frames, %", "left out, %", "guided, %", "flag after, s"), cells)
+    return Table(
+        title,
+        (*columns, "misleading frames, %", "left out, %", "guided, %", "misleading ok frames", "flag after, s"),
+        cells,
+    )
 
 
 def _nominal_cells(name: str, counts: Mapping[str, int]) -> tuple[str, ...]:

@@ -19,7 +19,7 @@ ALERT_S = 1.0  # a misleading frame this much before the flag still counts as de
 SETTLED_S = 2.0  # after the first guidance: contradictions have had time to show
 ONSET = (0.2, 0.6)  # part of the flight after which a sudden fault comes, drawn between these
 NOMINAL = "nominal"  # a run without a fault
-DRAW, RANSAC = 41, 42  # random streams
+DRAW, RANSAC, WIDTH = 41, 42, 43  # random streams
 
 
 @dataclass(frozen=True)
@@ -130,6 +130,8 @@ class FaultRow:
     excluding_frames: int
     lost_frames: int  # without a protected line, flagged or not
     misleading_ok: int  # runs, where frames that are not `ok` are not followed
+    ok_frames: int  # while the fault was there
+    misleading_ok_frames: int  # of them
     delay_s: float  # median from the fault's beginning to the first flag; NaN without one
 
 
@@ -175,6 +177,8 @@ def fault_row(runs: Sequence[Sequence[FrameState]], alert_s: float = ALERT_S) ->
         excluding_frames=sum(frame.excluded for frame in faulty),
         lost_frames=sum(not frame.protected for frame in faulty),
         misleading_ok=sum(outcome(run, alert_s, ok_only=True) is Outcome.MISLEADING for run in runs),
+        ok_frames=sum(frame.is_ok for frame in faulty),
+        misleading_ok_frames=sum(frame.is_ok and frame.misleading for frame in faulty),
         delay_s=float(np.median(delays)) if delays else float("nan"),
     )
 
@@ -216,12 +220,20 @@ def fly_run(sightings: Sequence[Sighting], run: FaultRun, flights: FlightsConfig
 
 def flight_with(sightings: Sequence[Sighting], run: FaultRun, flights: FlightsConfig, models: Flight) -> Flight:
     """The flight of a run, with its aid; arguments as in `fly_run`."""
-    config = flights.run
-    if AIDS[run.aid].width:
+    config, width_off = flights.run, _draw_width_error(run, flights)
+    if AIDS[run.aid].width or width_off:
         true = true_segments(sightings[0].frame.truth)
         width_m, _ = passing_distance_m(true_line(true["right"]), true["left"], true["left"].p0_m)
-        config = replace(config, deck=replace(config.deck, width_m=abs(width_m)))
+        config = replace(config, deck=replace(config.deck, width_m=(1.0 + width_off) * abs(width_m)))
     return Flight.from_config(config, dehazer=models.dehazer, detector=models.detector)
+
+
+def _draw_width_error(run: FaultRun, flights: FlightsConfig) -> float:
+    """Error of the width that a run states, as a share of the true one."""
+    fault = FAULTS.get(run.fault)
+    if fault is None or not fault.width_off:
+        return 0.0
+    return fault.width_off * float(np.random.default_rng([flights.seed, run.number, WIDTH]).choice([-1.0, 1.0]))
 
 
 def inject_run(sightings: Sequence[Sighting], run: FaultRun, flights: FlightsConfig) -> Iterator[tuple[Sighting, bool]]:

@@ -99,6 +99,47 @@ def turn_mount(axis: str, angle_deg: float) -> Begin:
     return begin
 
 
+def move_principal_point(by_px: float) -> Begin:
+    """The stated principal point is beside the true one, either way."""
+
+    def begin(rng: np.random.Generator) -> Step:
+        aside_px = by_px * rng.choice([-1.0, 1.0])
+        return each_frame(lambda frame: {"camera": replace(frame.camera, cx=frame.camera.cx + aside_px)})
+
+    return begin
+
+
+def crop_left(share: float) -> Begin:
+    """A share of the columns at the left is cut off; camera and size stay as stated, and the right edge is black."""
+
+    def change(now: Sighting) -> Sighting:
+        frame, width = now.frame, now.frame.camera.width
+        cut = round(share * width)
+        image = np.pad(frame.image_rgb[:, cut:], ((0, 0), (0, cut), (0, 0)))
+        depth = frame.depth_m
+        if depth is not None:
+            depth = np.pad(depth[:, cut:], ((0, 0), (0, cut)), constant_values=np.nan)
+        frame = replace(frame, image_rgb=image, depth_m=depth)
+        if now.detection is None:
+            return Sighting(frame)
+        left, right = (_shift_points(getattr(now.detection, side), -cut) for side in SIDES)
+        return Sighting(frame, replace(now.detection, left=left, right=right))
+
+    return lambda rng: each(change)
+
+
+def _shift_points(points: LinePoints, by_px: float) -> LinePoints:
+    """Points moved along the rows; those left of the picture are gone."""
+    moved = points.points_px + np.array([by_px, 0.0])
+    inside = moved[:, 0] >= 0
+    return LinePoints(moved[inside], points.confidence[inside], points.sigma_px[inside])
+
+
+def change_nothing(rng: np.random.Generator) -> Step:
+    """Frames stay as they are, for a fault of what is stated."""
+    return each(lambda now: now)
+
+
 def scale_depth(rng: np.random.Generator) -> Step:
     """All depths are wrong by DEPTH_BIAS of them, either way."""
     scale = np.float32(1.0 + DEPTH_BIAS * rng.choice([-1.0, 1.0]))

@@ -9,7 +9,7 @@ from deckline.options import RunOptions
 from deckline_lab.evaluation.approaches import FlightsConfig, PointNoise, fly_points, point_flight
 from deckline_lab.evaluation.integrity_faults import FAULTS, Runs
 from deckline_lab.evaluation.integrity_runs import IntegrityConfig, flat_figures, integrity_tables
-from deckline_lab.evaluation.integrity_score import NOMINAL, FaultRun, FrameState, fly_run
+from deckline_lab.evaluation.integrity_score import NOMINAL, FaultRun, FrameState, flight_with, fly_run
 from golden import check_golden
 
 CALM = RunOptions(grade="good", sea_state=0.0)
@@ -37,6 +37,25 @@ def test_swapped_lines_are_not_followed():
     states = [m for m in fly(FaultRun("swapped lines", 0)) if m.faulty]
     assert 5 < len(states) < 14
     assert all(state.lateral_m is None or abs(state.lateral_m) < 3.0 for state in states)
+
+
+def test_a_fault_of_the_stated_width_misstates_it_either_way():
+    sightings = list(fly_points(FLIGHTS.approach(0), FLIGHTS.run.sensors, PointNoise()))
+    models = point_flight(FLIGHTS.run)
+
+    def stated(run):
+        return flight_with(sightings, run, FLIGHTS, models).config.deck.width_m
+
+    true_m = stated(FaultRun(NOMINAL, 0, "width"))
+    shares = {round(stated(FaultRun("width 20% off", number)) / true_m, 6) for number in range(6)}
+    assert shares == {0.8, 1.2}
+    assert stated(FaultRun(NOMINAL, 0)) is None
+
+
+def test_a_slow_flight_is_flown_slowly():
+    slow = FlightsConfig(frames=3, range_m=(300.0, 100.0), visibility="clear", speed_m_s=20.0)
+    times = [at.frame.time_s for at in fly_points(slow.approach(0), slow.run.sensors, PointNoise())]
+    assert times[-1] == pytest.approx(10.0)
 
 
 def run(*errors_m: float, faulty=True, flagged=False) -> list[FrameState]:

@@ -72,8 +72,8 @@ def test_sudden_faults_leave_what_was_before_untouched(name):
     same = [a is b for a, b in zip(faulty, SIGHTINGS, strict=True)]
     if FAULTS[name].sudden:
         assert all(same[:4])
-    assert not same[4]
-    if name != "deck height once":
+    assert same[4] == (FAULTS[name].width_off > 0)  # what is stated is wrong, and no frame
+    if name != "deck height once" and not FAULTS[name].width_off:
         assert not any(same[4:])
 
 
@@ -106,6 +106,27 @@ def test_lines_are_swapped_depths_scaled_and_the_camera_turned():
     turned = with_fault("boresight 1 deg")[5].frame.body_from_camera.rotation
     turn = SIGHTINGS[5].frame.body_from_camera.rotation.inv() * turned
     assert turn.magnitude() == pytest.approx(BORESIGHT_RAD)
+
+
+@pytest.mark.parametrize("px", [15.0, 60.0])
+def test_a_principal_point_is_stated_beside_the_true_one(px):
+    after = [at.frame.camera.cx - CAMERA.cx for at in with_fault(f"cx {px:g} px off")]
+    assert len(set(after)) == 1
+    assert abs(after[0]) == px
+
+
+def test_what_is_cut_off_at_the_left_shifts_picture_depth_and_points():
+    before, after = SIGHTINGS[5], with_fault("left 15% cropped")[5]
+    cut = round(0.15 * CAMERA.width)
+    assert after.frame.image_rgb.shape == before.frame.image_rgb.shape
+    assert after.frame.camera is before.frame.camera
+    np.testing.assert_array_equal(after.frame.image_rgb[:, :-cut], before.frame.image_rgb[:, cut:])
+    assert not after.frame.image_rgb[:, -cut:].any()
+    assert np.isnan(after.frame.depth_m[:, -cut:]).all()
+    points, was = after.detection.left.points_px, before.detection.left.points_px
+    inside = was[:, 0] >= cut
+    np.testing.assert_allclose(points, was[inside] - [cut, 0.0])
+    assert len(after.detection.left.sigma_px) == inside.sum()
 
 
 @pytest.mark.parametrize("seed", range(4))

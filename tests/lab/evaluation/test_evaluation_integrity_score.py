@@ -88,3 +88,11 @@ def test_settled_frames_come_after_the_first_guidance():
     flight = [gone, *(state(time_s) for time_s in (1.0, 2.0, 3.0)), replace(gone, time_s=3.5), state(4.0)]
     assert [frame.time_s for frame in settled_frames(flight)] == [3.0, 4.0]
     assert settled_frames([gone]) == []
+
+
+def test_frames_that_mislead_as_ok_are_counted():
+    frames = [
+        replace(at, status=status) for at, status in zip(run(0.5, 2.0, 2.0), ("ok", "ok", "unverified"), strict=True)
+    ]
+    row = fault_row([frames])
+    assert (row.ok_frames, row.misleading_ok_frames, row.misleading_frames) == (2, 1, 2)
