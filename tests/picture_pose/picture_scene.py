@@ -15,6 +15,7 @@ from deckline.dehaze.horizon import Horizon, NoHorizon
 from deckline.geometry import Camera, attitude, camera_mount
 from deckline.localize import localize
 from deckline.localize.ransac import least_squares_line
+from deckline.localize.solver import CORRELATION
 from deckline.picture_pose import PictureAnswer, PictureTracker
 from deckline.picture_pose.model import Mount
 from deckline.picture_pose.sights import HorizonSight, LineSight, sight_horizon, sight_lines
@@ -39,6 +40,7 @@ class Runway:
     slope: float = 0.0  # of the deck's z along the lines
     cant: float = 0.0  # and to their right
     length_m: float = 220.0
+    painted_m: tuple[float, float] = (0.0, 0.0)  # how far right of their place left and right line are painted
 
 
 @dataclass(frozen=True)
@@ -71,7 +73,8 @@ def pose_of(place: Place, runway: Runway = LEVEL_RUNWAY) -> RigidTransform:
 def line_of(runway: Runway, side: str, count: int = 4000) -> np.ndarray:
     """Points (N, 3) of an edge line, from the ramp."""
     x = np.linspace(0.0, runway.length_m, count)
-    y = (-1 if side == "left" else 1) * (runway.width_m / 2 + np.tan(runway.angle_rad / 2) * x)
+    index = SIDES.index(side)
+    y = (2 * index - 1) * (runway.width_m / 2 + np.tan(runway.angle_rad / 2) * x) + runway.painted_m[index]
     return np.column_stack([x, y, runway.slope * x + runway.cant * y])
 
 
@@ -84,7 +87,7 @@ def see(
     count: int = 24,
     sigma_px: float = SIGMA_PX,
 ) -> Detection:
-    """What a detector finds in evenly spaced rows; with `rng` u errs by its sigma."""
+    """What a detector finds in evenly spaced rows; with `rng` u errs as stated."""
     view = (pose_of(place, runway) * mount).inv()
     return Detection(*(_points(view.apply(line_of(runway, side)), camera, rng, count, sigma_px) for side in SIDES))
 
@@ -99,8 +102,16 @@ def _points(
     rows = np.linspace(pixels[0, 1], pixels[-1, 1], count)
     chosen = pixels[np.searchsorted(-pixels[:, 1], -rows).clip(0, len(pixels) - 1)]
     if rng is not None:
-        chosen = chosen + np.column_stack([rng.normal(0, sigma_px, count), np.zeros(count)])
+        chosen = chosen + np.column_stack([sigma_px * correlated(rng, count), np.zeros(count)])
     return LinePoints(chosen, np.full(count, 0.9), np.full(count, sigma_px))
+
+
+def correlated(rng: np.random.Generator, count: int) -> np.ndarray:
+    """Normal numbers (count,) of 1-sigma 1 whose neighbours have the correlation that the fit expects."""
+    numbers = rng.normal(size=count)
+    for index in range(1, count):
+        numbers[index] = CORRELATION * numbers[index - 1] + np.sqrt(1 - CORRELATION**2) * numbers[index]
+    return numbers
 
 
 def pixel_lines(detection: Detection) -> dict[str, PixelLine]:

@@ -23,7 +23,7 @@ MIN_AHEAD = 0.2  # share of the vanishing point's direction that must point ahea
 MAX_HEADING_SIGMA_RAD = float(np.deg2rad(5.0))  # beyond, the vanishing point is not determined
 LOWEST, HIGHEST = 0.02, 30.0  # runway widths of height that are believed
 MAX_ROLL_RAD = float(np.deg2rad(60.0))  # of the body, against which the picture counts as upside down
-MAX_RESIDUAL = 5.0  # 1-sigma of any part of the picture that the fit leaves
+MAX_RESIDUAL = 5.0  # 1-sigma of any part of the picture that the fit leaves, or of any prior that it contradicts
 
 
 def fit_pose(
@@ -52,7 +52,7 @@ def fit_pose(
         return start
     rotation, place = start
     prior = initial_belief(time_s, rotation, place, shared_sigma, config)
-    return check_belief(_iterate(prior, sights, horizon, mount), sights, horizon, mount)
+    return check_belief(_iterate(prior, sights, horizon, mount), prior, sights, horizon, mount)
 
 
 def closed_form(
@@ -119,7 +119,7 @@ def innovations(belief: Belief, sights: dict[str, LineSight], horizon: HorizonSi
 
 
 def check_belief(
-    belief: Belief, sights: dict[str, LineSight], horizon: HorizonSight | None, mount: Mount
+    belief: Belief, prior: Belief, sights: dict[str, LineSight], horizon: HorizonSight | None, mount: Mount
 ) -> Belief | Diagnostic:
     """The belief, or why it is none."""
     rotation, widths = Rotation.from_matrix(belief.rotation), belief.mean[States.HEIGHT] / belief.width_m
@@ -130,6 +130,8 @@ def check_belief(
     if abs(rotation.as_euler("ZYX")[2]) > MAX_ROLL_RAD:
         return Diagnostic(Reason.NO_VANISHING_POINT, "the picture is upside down or on its side")
     left = innovations(belief, sights, horizon, mount)
-    if (np.abs(left.residuals) > MAX_RESIDUAL * np.sqrt(left.variance)).any():
+    sigma = np.sqrt(np.concatenate([left.variance, np.diag(prior.covariance)[States.SHARED]]))
+    shifts = (belief.mean - prior.mean)[States.SHARED]
+    if (np.abs(np.concatenate([left.residuals, shifts])) > MAX_RESIDUAL * sigma).any():
         return Diagnostic(Reason.ATTITUDE, "lines and horizon of the picture contradict each other")
     return belief

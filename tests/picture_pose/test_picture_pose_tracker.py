@@ -1,0 +1,326 @@
+"""The pose from the picture over the frames of a flight."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from picture_scene import (
+    CAMERA,
+    IN_WIDTHS,
+    LEVEL,
+    RATE_HZ,
+    Follower,
+    Place,
+    Runway,
+    errors_of,
+    fly,
+    frame_at,
+    horizon_of,
+    reasons,
+    see,
+    seconds,
+)
+from scipy.stats import chi2
+
+from deckline.dehaze.horizon import NoHorizon
+from deckline.dehaze.horizon_search import ANSWER_S
+from deckline.picture_pose.model import horizon_innovation, update
+from deckline.picture_pose.sights import sight_horizon
+from deckline.picture_pose.states import States, predict
+from deckline.picture_pose.tracker import _update_lines
+from deckline.types import Detection, Diagnostic, LinePoints, PoseSource, Reason, TrackState
+
+FLIGHT = fly()
+NOTHING = Detection(LinePoints.empty(), LinePoints.empty())
+
+
+def with_horizon(config=LEVEL, patch=None, flight=FLIGHT, seed=None):
+    """A follower whose pictures show the horizon of a flight."""
+    rng = None if seed is None else np.random.default_rng([seed, 8])
+    return Follower(config, patch, lambda time_s: horizon_of(flight(time_s), rng=rng))
+
+
+@pytest.fixture
+def follower(monkeypatch):
+    return with_horizon(patch=monkeypatch)
+
+
+@pytest.fixture
+def blind(monkeypatch):
+    """A follower that finds no horizon."""
+    return Follower(LEVEL, monkeypatch)
+
+
+def belief_in(follower):
+    return follower.tracker._memory.belief
+
+
+def test_the_pose_is_followed_and_labelled(follower):
+    answers = follower.follow(FLIGHT, seconds(0.0, 3.0), np.random.default_rng(1))
+    last, place = answers[-1], FLIGHT(2.9)
+    assert last.frame.pose_source is PoseSource.PICTURE
+    assert not last.frame.in_widths
+    assert last.track.state is TrackState.TRACKING
+    assert last.track.age_s == pytest.approx(2.9)
+    assert (last.track.flags, last.track.doubts) == ((), ())
+    off, sigma = errors_of(belief_in(follower), place)
+    assert np.all(np.abs(off) < 3.5 * sigma)
+    levels = last.track.protection
+    assert abs(off[0]) < levels.lateral_m
+    assert abs(off[1]) < levels.vertical_m
+    assert abs(off[4]) < levels.heading_rad
+    assert abs(belief_in(follower).mean[States.DISTANCE] - place.distance_m) < levels.distance_m
+    assert last.track.closing_m_s.value == pytest.approx(40.0, abs=4 * last.track.closing_m_s.sigma)
+
+
+def test_errors_agree_with_the_covariance(monkeypatch):
+    scores = []
+    for seed in range(12):
+        flight = fly(lateral_m=4.0, seed=seed)
+        follower = with_horizon(LEVEL, monkeypatch, flight, seed)
+        rng = np.random.default_rng([seed, 3])
+        for time_s in seconds(0.0, 4.0):
+            follower(frame_at(time_s), see(flight(time_s), rng=rng))
+            if time_s % 1.0 == 0.5 and time_s > 1.0:
+                off, sigma = errors_of(belief_in(follower), flight(time_s))
+                scores.append(off / sigma)
+    # Exact camera, width and paint: less than stated. Errors of one flight hang together.
+    squares = np.mean(np.square(scores), axis=0)
+    assert np.all(squares < chi2.ppf(0.9995, 12) / 12)
+    assert np.mean(np.abs(scores) < 1.96) > 0.93
+    assert squares.mean() > 0.05
+
+
+def test_a_reset_forgets_all_frames(follower):
+    first = follower.follow(FLIGHT, seconds(0.0, 1.5))
+    follower.tracker.reset()
+    assert follower.tracker.forecast() is None
+    again = follower.follow(FLIGHT, seconds(0.0, 1.5))
+    for one, other in zip(first, again, strict=True):
+        assert one.track.age_s == other.track.age_s
+        np.testing.assert_array_equal(one.frame.world_from_body.as_matrix(), other.frame.world_from_body.as_matrix())
+
+
+@pytest.mark.parametrize("time_s", [np.nan, np.inf, 0.9, 0.45])
+def test_a_frame_whose_time_cannot_be_used_changes_nothing(follower, time_s):
+    follower.follow(FLIGHT, seconds(0.0, 1.0))
+    before = belief_in(follower)
+    odd = follower(replace(frame_at(0.9), time_s=time_s), see(FLIGHT(1.0)))
+    assert odd.track.state is TrackState.LOST
+    assert odd.frame.world_from_body is None
+    assert reasons(odd.track.diagnostics) == [Reason.BAD_TIME]
+    assert belief_in(follower) is before
+
+
+def test_a_time_far_back_begins_another_flight(follower):
+    follower.follow(FLIGHT, seconds(3.0, 4.0))
+    (answer,) = follower.follow(FLIGHT, [0.0])
+    assert (answer.track.state, answer.track.age_s) == (TrackState.TRACKING, 0.0)
+
+
+def test_a_gap_is_bridged_with_growing_uncertainty_and_then_lost(follower):
+    follower.follow(FLIGHT, seconds(0.0, 2.0), np.random.default_rng(2))
+    states, sigmas, misses = [], [], []
+    for time_s in seconds(2.0, 4.5):
+        answer = follower(frame_at(time_s), NOTHING)
+        states.append(answer.track.state)
+        if answer.track.state is TrackState.COASTING:
+            off, sigma = errors_of(belief_in(follower), FLIGHT(time_s))
+            sigmas.append(sigma)
+            misses.append(np.abs(off / sigma))
+    assert states == [TrackState.COASTING] * 19 + [TrackState.LOST] * 6  # lines were last seen at 1.9 s
+    assert np.all(np.diff(np.array(sigmas)[:, :2], axis=0) > 0)
+    assert np.max(misses) < 4.0
+    (again,) = follower.follow(FLIGHT, [4.5])
+    assert (again.track.state, again.track.age_s) == (TrackState.TRACKING, 0.0)
+
+
+def shifted(points, by_px):
+    return replace(points, points_px=points.points_px + [by_px, 0.0])
+
+
+def test_a_line_that_contradicts_the_track_is_left_out_and_later_flagged(follower):
+    follower.follow(FLIGHT, seconds(0.0, 2.0), np.random.default_rng(3))
+    flagged = {}
+    for time_s in seconds(2.0, 3.0):
+        seen = see(FLIGHT(time_s), rng=np.random.default_rng(round(time_s * 10)))
+        answer = follower(frame_at(time_s), replace(seen, left=shifted(seen.left, -40.0)))
+        assert reasons(answer.track.excluded) == [Reason.LEFT]
+        assert answer.track.state is TrackState.TRACKING
+        flagged[round(time_s - 2.0, 1)] = Reason.LEFT in reasons(answer.track.flags)
+    persist_s = LEVEL.integrity.persist_s
+    assert flagged == {age: age >= persist_s for age in flagged}
+    off, sigma = errors_of(belief_in(follower), FLIGHT(2.9))
+    assert np.all(np.abs(off) < 4 * sigma)
+    (well,) = follower.follow(FLIGHT, [3.0])
+    assert (well.track.excluded, well.track.flags) == ((), ())
+
+
+def test_lines_that_contradict_the_track_for_long_begin_a_new_one(follower):
+    follower.follow(FLIGHT, seconds(0.0, 2.0))
+    states = {}
+    for time_s in seconds(2.0, 3.5):
+        place = FLIGHT(time_s)
+        answer = follower(frame_at(time_s), see(replace(place, lateral_m=place.lateral_m + 30.0)))
+        states[round(time_s, 1)] = answer.track.state, reasons(answer.track.diagnostics), answer.track.age_s
+    assert all(state is TrackState.COASTING for state, _, _ in list(states.values())[:9])
+    (began,) = [time_s for time_s, (_, why, _) in states.items() if Reason.RESTARTED in why]
+    assert began == pytest.approx(1.9 + LEVEL.tracking.reacquire_s, abs=1.5 / RATE_HZ)
+    assert states[began][2] == 0.0
+    off, sigma = errors_of(belief_in(follower), replace(FLIGHT(3.4), lateral_m=FLIGHT(3.4).lateral_m + 30.0))
+    assert np.all(np.abs(off) < 4 * sigma)
+
+
+def test_a_horizon_that_arrives_late_counts_as_if_it_were_used_at_its_own_frame(follower, blind):
+    """The same frames without the search, and the horizon of the first of them put in by hand."""
+    times = seconds(0.0, 0.4)
+    seen = [see(FLIGHT(time_s), rng=np.random.default_rng(round(time_s * 10))) for time_s in times]
+    memories = []
+    for one in (blind, follower):
+        one.tracker._search.every_s = 1.0
+        for time_s, detection in zip(times, seen, strict=True):
+            one(frame_at(time_s), detection)
+            if one is follower and time_s == times[0]:
+                anchor = belief_in(one)
+            if one is follower and time_s == times[2]:
+                since = list(one.tracker._memory.since)
+        memories.append(belief_in(one))
+    without, replayed = memories
+    mount, shared = follower.tracker._memory, follower.tracker._shared
+    assert len(since) == 2
+
+
+def test_what_is_kept_is_bounded_even_if_no_horizon_is_ever_found(blind):
+    kept = []
+    for time_s in seconds(0.0, 6.0):
+        blind(frame_at(time_s), see(FLIGHT(time_s)))
+        kept.append(len(blind.tracker._memory.since))
+    assert max(kept) <= ANSWER_S * RATE_HZ
+    assert Reason.NO_HORIZON in reasons(blind.tracker.forecast().track.doubts)
+
+
+def test_without_a_horizon_it_is_in_doubt_and_with_a_wrong_one_flagged(monkeypatch):
+    def tilted(time_s):
+        found = horizon_of(FLIGHT(time_s))
+        return replace(found, slope=found.slope + 0.2)
+
+    wrong = Follower(replace(LEVEL), monkeypatch, tilted)
+    flags = [reasons(answer.track.flags) for answer in wrong.follow(FLIGHT, seconds(0.0, 2.0))]
+    assert Reason.ATTITUDE not in flags[0]
+    off, sigma = errors_of(belief_in(wrong), FLIGHT(1.9))
+    assert Reason.ATTITUDE in flags[-1] or abs(off[0]) < 3 * sigma[0]
+
+
+def test_another_camera_begins_another_track(follower):
+    follower.follow(FLIGHT, seconds(0.0, 2.0))
+    same = replace(CAMERA)
+    answer = follower(frame_at(2.0, same), see(FLIGHT(2.0)))
+    assert answer.track.age_s == pytest.approx(2.0)
+    zoomed = replace(CAMERA, fx=2 * CAMERA.fx, fy=2 * CAMERA.fy)
+    answer = follower(frame_at(2.1, zoomed), see(FLIGHT(2.1), camera=zoomed))
+    assert (answer.track.age_s, answer.track.state) == (0.0, TrackState.TRACKING)
+
+
+def test_points_that_are_no_numbers_are_left_out(follower):
+    follower.follow(FLIGHT, seconds(0.0, 1.0))
+    seen = see(FLIGHT(1.0))
+    pixels = seen.left.points_px.copy()
+    pixels[::3] = np.nan
+    answer = follower(frame_at(1.0), replace(seen, left=replace(seen.left, points_px=pixels)))
+    assert answer.track.state is TrackState.TRACKING
+    assert np.isfinite(belief_in(follower).covariance).all()
+    gone = replace(seen.left, points_px=np.full_like(pixels, np.nan))
+    answer = follower(frame_at(1.1), Detection(gone, gone))
+    assert answer.track.state is TrackState.COASTING
+
+
+def test_one_line_does_not_begin_a_track_but_carries_one(follower):
+    one_line = replace(see(FLIGHT(0.0)), right=LinePoints.empty())
+    answer = follower(frame_at(0.0), one_line)
+    assert answer.track.state is TrackState.LOST
+    assert reasons(answer.track.diagnostics) == [Reason.NO_VANISHING_POINT]
+    assert answer.frame.world_from_body is None
+    follower.follow(FLIGHT, seconds(0.1, 2.0))
+    for time_s in seconds(2.0, 3.0):
+        answer = follower(frame_at(time_s), replace(see(FLIGHT(time_s)), right=LinePoints.empty()))
+        assert answer.track.state is TrackState.TRACKING
+    off, sigma = errors_of(belief_in(follower), FLIGHT(2.9))
+    assert np.all(np.abs(off) < 3 * sigma)
+
+
+def test_no_lines_give_nothing(follower):
+    answer = follower(frame_at(0.0), NOTHING)
+    assert (answer.track.state, answer.frame.world_from_body) == (TrackState.LOST, None)
+
+
+def test_a_frozen_picture_does_not_update_the_track(follower):
+    follower.follow(FLIGHT, seconds(0.0, 2.0))
+    frozen = Diagnostic(Reason.FROZEN, "the same picture")
+    answer = follower(frame_at(2.0), see(FLIGHT(1.9)), (frozen,))
+    assert answer.track.state is TrackState.COASTING
+    assert answer.track.flags == (frozen,)
+
+
+@pytest.mark.parametrize("width", [10.0, 40.0])
+def test_without_a_stated_width_lengths_are_widths(monkeypatch, width):
+    """The same pictures of a runway twice as wide from twice as far."""
+    scale = width / 20.0
+    flight = FLIGHT
+
+    def scaled(time_s):
+        at = flight(time_s)
+        return replace(at, distance_m=scale * at.distance_m, lateral_m=scale * at.lateral_m, height_m=scale * at.height_m)
+
+    config = replace(LEVEL, deck=replace(LEVEL.deck, width_m=width, width_sigma_m=1e-6))
+    runway = Runway(width, length_m=220.0 * scale)
+    unit, stated = (with_horizon(one, monkeypatch) for one in (IN_WIDTHS, config))
+    for time_s in seconds(0.0, 2.0):
+        frame, seen = bare(time_s), see(scaled(time_s), runway, mount=bare(time_s).body_from_camera)
+        one, other = unit(frame, seen), stated(frame, seen)
+    assert one.frame.in_widths
+    assert not other.frame.in_widths
+    assert one.track.protection is None
+    assert one.track.closing_m_s is None
+    assert Reason.NO_WIDTH in reasons(one.track.doubts)
+    at, other_at = (a.frame.world_from_body.translation for a in (one, other))
+    np.testing.assert_allclose(at[1:] * width, other_at[1:], rtol=0.02)
+    lines = (one.track.lines["right"], other.track.lines["right"])
+    assert lines[0].point_m[1] == pytest.approx(0.5, abs=1e-3)
+    assert lines[1].point_m[1] == pytest.approx(width / 2, rel=1e-3)
+    assert unit.tracker.forecast() is None
+
+
+def bare(time_s):
+    """A frame of a camera without an arm, which is known in metres."""
+    frame = frame_at(time_s)
+    return replace(frame, body_from_camera=frame.body_from_camera.from_rotation(frame.body_from_camera.rotation))
+
+
+def test_the_forecast_is_the_prediction_of_the_belief(follower):
+    follower.follow(FLIGHT, seconds(0.0, 2.0))
+    forecast = follower.tracker.forecast()
+    track, pose, heading_sigma = forecast.at(2.5)
+    expected = predict(belief_in(follower), 2.5, follower.tracker._shared)
+    np.testing.assert_allclose(pose.as_matrix(), expected.world_from_body.as_matrix())
+    assert heading_sigma == 0.0
+    assert track.age_s == pytest.approx(2.5)
+    assert track.closing_m_s.value == pytest.approx(40.0, abs=3.0)
+    assert track.protection.lateral_m > forecast.track.protection.lateral_m
+    assert forecast.at(1.8) is None
+    assert forecast.at(1.9 + LEVEL.tracking.coast_s + 0.1) is None
+    place = FLIGHT(2.5)
+    np.testing.assert_allclose(pose.translation[1], place.lateral_m, atol=1.5)
+
+
+def test_without_tracking_every_frame_is_for_itself(monkeypatch):
+    config = replace(LEVEL, tracking=replace(LEVEL.tracking, enabled=False))
+    follower = with_horizon(config, monkeypatch)
+    for time_s in (1.0, 0.5):  # in no order
+        answer = follower(frame_at(time_s), see(FLIGHT(time_s)))
+        assert answer.track is None
+        assert answer.frame.pose_source is PoseSource.PICTURE
+        place = answer.frame.world_from_body.translation
+        np.testing.assert_allclose(place[1:], [FLIGHT(time_s).lateral_m, -FLIGHT(time_s).height_m], atol=0.5)
+    refused = follower(frame_at(2.0), NOTHING)
+    assert refused.frame.world_from_body is None
+    assert Reason.NO_VANISHING_POINT in reasons(refused.estimate.diagnostics)
