@@ -145,9 +145,11 @@ def horizon_of(
     return Horizon(camera.width, float(middle + off[0]), sigma_px, float(slope + off[1]), slope_sigma)
 
 
-def horizon_sight(place: Place, camera: Camera = CAMERA, rng: np.random.Generator | None = None) -> HorizonSight:
+def horizon_sight(
+    place: Place, camera: Camera = CAMERA, mount: RigidTransform = MOUNT, rng: np.random.Generator | None = None
+) -> HorizonSight:
     """The same as the fit takes it: by the stated camera."""
-    return sight_horizon(CAMERA, horizon_of(place, camera, rng=rng))
+    return sight_horizon(CAMERA, horizon_of(place, camera, mount, rng))
 
 
 def belief_of(

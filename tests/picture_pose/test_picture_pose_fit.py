@@ -38,7 +38,7 @@ ROUGH = RunConfig(Sensors(focal_fraction=0.02), Deck(sea_state=4.0, width_m=20.0
 def fit(place, config=LEVEL, horizon=True, runway=Runway(), camera=CAMERA, rng=None, tilt=(0.0, 0.0), mount=MOUNT):  # noqa: B008
     """The fit of a scene seen by `camera`, taken for `CAMERA`."""
     sights = sights_of(see(place, runway, camera, mount, rng))
-    seen = turn_horizon(horizon_sight(place, camera, rng), *tilt) if horizon else None
+    seen = turn_horizon(horizon_sight(place, camera, mount, rng), *tilt) if horizon else None
     return fit_pose(0.0, sights, seen, Mount.of(mount), shared_sigmas(CAMERA, config), config)
 
 
@@ -183,9 +183,12 @@ def test_a_mirrored_picture_is_the_mirrored_approach():
     assert headings[0] == pytest.approx(-headings[1], abs=1e-4)
 
 
-def test_lines_too_short_to_show_where_they_meet_are_refused():
-    far = see(Place(distance_m=3000.0, height_m=180.0), Runway(length_m=200.0), count=8, sigma_px=3.0)
-    assert refusal(sights_of(far)) is Reason.NO_VANISHING_POINT
+def test_lines_too_unsure_to_show_where_they_meet_are_refused():
+    sights = sights_of(see())
+    assert isinstance(refusal(sights), Belief)
+    assert refusal({side: replace(one, sigma=2000 * one.sigma) for side, one in sights.items()}) is (
+        Reason.NO_VANISHING_POINT
+    )
 
 
 def test_a_horizon_that_contradicts_the_lines_is_refused():

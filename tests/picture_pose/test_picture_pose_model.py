@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from picture_scene import (
     CAMERA,
     CAMERA_MOUNT,
-    LEVEL,
     MOUNT,
     Place,
     Runway,
