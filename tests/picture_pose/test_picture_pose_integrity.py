@@ -9,9 +9,11 @@ from scipy.stats import norm
 
 from deckline.geometry import Camera
 from deckline.picture_pose.integrity import (
+    MAX_CONTRADICTED,
     MESSAGES,
     MIN_AGE_S,
     OBSERVED_SHARE,
+    Evidence,
     bias_flag,
     prior_tests,
     protection_levels,
@@ -67,13 +69,18 @@ def test_every_shared_error_has_its_flag(index, sign):
     assert set(MESSAGES) == set(range(States.SIZE)[States.SHARED])
 
 
-def doubts(belief=None, age_s=5.0, has_horizon=True, shared=SHARED, config=LEVEL):
-    return reasons(unverified_reasons(belief or belief_of(), age_s, has_horizon, shared, config))
+def doubts(belief=None, shared=SHARED, config=LEVEL, **changes):
+    evidence = replace(Evidence(5.0, has_horizon=True, has_ramp=True, is_steady=True, contradicted=0.0), **changes)
+    return reasons(unverified_reasons(belief or belief_of(), evidence, shared, config))
 
 
-def test_a_pose_is_verified_by_horizon_width_camera_and_age():
+def test_a_pose_is_verified_by_horizon_ramp_width_camera_and_age():
     assert doubts() == []
     assert doubts(has_horizon=False) == [Reason.NO_HORIZON]
+    assert doubts(has_ramp=False) == [Reason.NO_RAMP]
+    assert doubts(is_steady=False) == [Reason.BORESIGHT]
+    assert doubts(contradicted=0.9 * MAX_CONTRADICTED) == []
+    assert doubts(contradicted=1.1 * MAX_CONTRADICTED) == [Reason.OTHER_LINES]
     assert doubts(age_s=0.9 * MIN_AGE_S) == [Reason.YOUNG_TRACK]
     assert doubts(age_s=MIN_AGE_S) == []
     assert doubts(config=IN_WIDTHS) == [Reason.NO_WIDTH]

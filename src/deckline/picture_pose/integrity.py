@@ -19,6 +19,7 @@ from deckline.types import Diagnostic, Diagnostics, Protection, Reason
 Array = NDArray[np.float64]
 OBSERVED_SHARE = 0.1  # of a prior's variance that must be gone before its estimate is tested
 MIN_AGE_S = 1.0  # of a track, before it counts as able to show contradictions
+MAX_CONTRADICTED = 0.2  # share of the frames whose lines all contradict the track, beyond which it is in doubt
 MAX_FOCAL_SIGMA = 0.02  # share; of a camera whose focal length counts as stated
 MESSAGES = {
     States.FOCAL: (Reason.FOCAL, 100.0, "the focal length seems {:+.1f} % wrong"),
@@ -40,12 +41,26 @@ MESSAGES = {
 YOUNG = Diagnostic(Reason.YOUNG_TRACK, "the track is too young to show contradictions")
 UNLIKELY = Diagnostic(Reason.UNLIKELY_ERRORS, "the errors of camera, horizon and paint are unlikely together")
 NO_HORIZON = Diagnostic(Reason.NO_HORIZON, "no horizon confirms the roll that the lines suggest")
+NO_RAMP = Diagnostic(Reason.NO_RAMP, "the ramp was not seen: nothing shows that the lines are a runway's")
+UNSTEADY = Diagnostic(Reason.BORESIGHT, "the picture turns as no aircraft on approach does: a stabilised video?")
+OTHER_LINES = Diagnostic(Reason.OTHER_LINES, "the lines of other frames contradict the track")
 NO_WIDTH = Diagnostic(
     Reason.NO_WIDTH, "the picture gives lengths in runway widths: state --runway-width-m to have metres"
 )
 ASSUMED_CAMERA = Diagnostic(
     Reason.ASSUMED_CAMERA, "the camera's focal length is assumed: pass camera.toml beside the recording, or --fov-deg"
 )
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What a track has seen that confirms its pose."""
+
+    age_s: float  # of the track
+    has_horizon: bool  # a horizon agreed lately
+    has_ramp: bool  # the ramp was seen
+    is_steady: bool  # the picture turns no faster than an aircraft does
+    contradicted: float  # share of the last frames with lines whose lines all contradict the track
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,14 +93,13 @@ def bias_flag(belief: Belief, shared_sigma: Array, config: RunConfig) -> Diagnos
 
 
 def unverified_reasons(
-    belief: Belief, age_s: float, has_horizon: bool, shared_sigma: Array, config: RunConfig
+    belief: Belief, evidence: Evidence, shared_sigma: Array, config: RunConfig
 ) -> Diagnostics:
     """Why a pose that no test flags is not verified.
 
     Args:
         belief: of the present.
-        age_s: of its track.
-        has_horizon: whether a horizon agreed lately.
+        evidence: of its track.
         shared_sigma: (11,) as stated.
         config: limits.
     """
@@ -94,8 +108,11 @@ def unverified_reasons(
     doubts = (
         (NO_WIDTH, config.deck.width_m is None),
         (ASSUMED_CAMERA, focal_sigma > MAX_FOCAL_SIGMA),
-        (NO_HORIZON, not has_horizon),
-        (YOUNG, age_s < MIN_AGE_S),
+        (NO_HORIZON, not evidence.has_horizon),
+        (NO_RAMP, not evidence.has_ramp),
+        (UNSTEADY, not evidence.is_steady),
+        (YOUNG, evidence.age_s < MIN_AGE_S),
+        (OTHER_LINES, evidence.contradicted > MAX_CONTRADICTED),
         (UNLIKELY, bool(squares) and chi2.sf(sum(squares), len(squares)) < config.integrity.doubt_risk),
     )
     return tuple(doubt for doubt, holds in doubts if holds)

@@ -18,7 +18,7 @@ from deckline.dehaze.horizon_search import ANSWER_S, HorizonSearch
 from deckline.geometry import Camera
 from deckline.picture_pose.answer import estimate_of, in_widths, track_of, with_pose
 from deckline.picture_pose.fit import fit_pose
-from deckline.picture_pose.integrity import bias_flag, unverified_reasons
+from deckline.picture_pose.integrity import Evidence, bias_flag, unverified_reasons
 from deckline.picture_pose.model import (
     Mount,
     distance2,
@@ -27,10 +27,11 @@ from deckline.picture_pose.model import (
     ramp_innovation,
     update,
 )
-from deckline.picture_pose.ramp import RampSight, sight_ramp
+from deckline.picture_pose.ramp import SPAN_S, RampFix, RampSight, check_closing, sight_ramp
 from deckline.picture_pose.sights import HorizonSight, LineSight, sight_horizon, sight_lines
 from deckline.picture_pose.states import (
     CLOSING_SIGMA_M_S,
+    TURN_SIGMA_RAD_S,
     USUAL_WIDTH_M,
     Belief,
     States,
@@ -55,6 +56,8 @@ RAMP_CORRELATION_S = 1.0  # the same of the ramp
 RAMP_EVERY_S = 0.2  # so often the near ends are looked for
 HORIZON_VALID_S = 3.0  # a horizon that agreed so long ago still confirms the roll
 MIN_STEP_S = 1e-6
+MAX_TURN_RAD_S = 2 * TURN_SIGMA_RAD_S  # of pitch and heading; beyond, something else moves the picture
+STEADY_S = 1.0  # without such a turn
 UNUSABLE = {Reason.FROZEN}  # flags of a frame whose lines may not update the track
 
 
@@ -105,6 +108,10 @@ class _Memory:
     ramp_s: float = -np.inf  # when the near ends were last looked for
     agreed_s: float = -np.inf  # time of the last horizon that agreed
     excluded_s: dict[Reason, float] = field(default_factory=dict)  # since when a line is left out
+    contradicted: float = 0.0  # share of the frames in `tracking.reacquire_s` whose lines all contradict the track
+    turned_s: float = -np.inf  # when the picture last turned faster than an aircraft
+    ramp_fixes: list[RampFix] = field(default_factory=list)  # of the last `SPAN_S`
+    zoom_flag: Diagnostic | None = None
     horizon_flag: Diagnostic | None = None
     anchor: Belief | None = None  # at the frame whose horizon is searched, with its lines
     since: list[Sighting] = field(default_factory=list)  # of the frames after it
@@ -219,7 +226,8 @@ class PictureTracker:
         ramp = sight_ramp(frame, picture.detection, estimate, belief, config)
         if ramp is not None:
             belief = _start_ramp(belief, ramp, picture.mount)
-        doubts = unverified_reasons(belief, 0.0, horizon is not None, picture.shared, config)
+        evidence = Evidence(0.0, horizon is not None, ramp is not None, True, 0.0)
+        doubts = unverified_reasons(belief, evidence, picture.shared, config)
         lines = estimate_of(estimate, belief, ramp is not None, config)
         lines = replace(lines, diagnostics=(*lines.diagnostics, *doubts))
         track = track_of(belief, TrackState.TRACKING, ramp is not None, picture.shared, config)
@@ -238,6 +246,8 @@ class PictureTracker:
         step_s = time_s - memory.belief.time_s
         memory.belief = predict(memory.belief, time_s, picture.shared)
         lines, excluded = _select_lines(memory.belief, picture.sights, picture.mount, tracking.gate_sigma)
+        weight = -float(np.expm1(-step_s / tracking.reacquire_s))
+        memory.contradicted += weight * (bool(picture.sights and not lines) - memory.contradicted)
         memory.excluded_s = {d.reason: memory.excluded_s.get(d.reason, time_s) for d in excluded}
         if lines:
             self._use(memory, picture, lines, step_s)
@@ -268,6 +278,8 @@ class PictureTracker:
         sighting = Sighting(time_s, lines, None, times)
         memory.belief = _update_lines(memory.belief, sighting, picture.mount)
         memory.seen_s = memory.consistent_s = time_s
+        if np.abs(memory.belief.mean[States.TURN][1:]).max() > MAX_TURN_RAD_S:
+            memory.turned_s = time_s
         if len(lines) == len(SIDES) and time_s - memory.ramp_s >= RAMP_EVERY_S:
             sighting = replace(sighting, ramp=self._use_ramp(memory, picture))
         if memory.anchor is not None:
@@ -288,13 +300,22 @@ class PictureTracker:
         since_s, memory.ramp_s = frame.time_s - memory.ramp_s, frame.time_s
         if not memory.has_ramp or farther_m < -gate * sigma_m:
             memory.belief, memory.has_ramp = _start_ramp(belief, ramp, picture.mount), True
-            memory.anchor = None  # counted from another origin
+            memory.anchor, memory.ramp_fixes = None, []  # counted from another origin
             return None
+        self._check_closing(memory, ramp, farther_m)
         if farther_m > gate * sigma_m:
             return None
         times = max(1.0, 2 * RAMP_CORRELATION_S / max(since_s, MIN_STEP_S))
         memory.belief = update(belief, innovation.inflate(times))
         return replace(ramp, sigma_m=float(np.sqrt(times)) * ramp.sigma_m)
+
+    def _check_closing(self, memory: _Memory, ramp: RampSight, farther_m: float) -> None:
+        """Compare the ramp with those of the last `SPAN_S`; a contradiction stays flagged, as the zoom stays."""
+        belief, (closing, *_) = memory.belief, range(States.SIZE)[States.RATES]
+        measured_m = float(belief.mean[States.DISTANCE]) + farther_m
+        fix = RampFix(belief.time_s, measured_m, ramp.sigma_m, -float(belief.mean[closing]), belief.sigma(closing))
+        memory.ramp_fixes = [one for one in memory.ramp_fixes if fix.time_s - one.time_s <= SPAN_S] + [fix]
+        memory.zoom_flag = memory.zoom_flag or check_closing(memory.ramp_fixes[0], fix)
 
     def _search_horizon(self, picture: Picture) -> None:
         """Begin the search in a frame whose lines the filter used."""
@@ -330,12 +351,14 @@ class PictureTracker:
         frame, belief, config = picture.frame, memory.belief, self.config
         time_s, age_s = frame.time_s, frame.time_s - memory.start_s
         has_horizon = time_s - memory.agreed_s <= HORIZON_VALID_S + ANSWER_S
+        is_steady = time_s - memory.turned_s > STEADY_S
+        evidence = Evidence(age_s, has_horizon, memory.has_ramp, is_steady, memory.contradicted)
         lasting = tuple(
             Diagnostic(reason, f"the {reason} line contradicts the track, for {time_s - since:.1f} s")
             for reason, since in memory.excluded_s.items()
             if time_s - since >= config.integrity.persist_s
         )
-        flags = [*lasting, memory.horizon_flag, bias_flag(belief, picture.shared, config), *picture.flags]
+        flags = [*lasting, memory.horizon_flag, memory.zoom_flag, bias_flag(belief, picture.shared, config), *picture.flags]
         state = TrackState.TRACKING if memory.seen_s == time_s else TrackState.COASTING
         track = replace(
             track_of(belief, state, memory.has_ramp, picture.shared, config),
@@ -343,7 +366,7 @@ class PictureTracker:
             excluded=tuple(Diagnostic(reason, f"the {reason} line is left out") for reason in memory.excluded_s),
             diagnostics=diagnostics,
             age_s=age_s,
-            doubts=unverified_reasons(belief, age_s, has_horizon, picture.shared, config),
+            doubts=unverified_reasons(belief, evidence, picture.shared, config),
         )
         self._last = track
         estimate = estimate_of(picture.estimate, belief, memory.has_ramp, config)
