@@ -8,9 +8,9 @@ from picture_scene import CAMERA, LEVEL, MOUNT, Place, belief_of, frame_at, pose
 
 from deckline.localize import localize
 from deckline.picture_pose.model import Mount, ramp_innovation
-from deckline.picture_pose.ramp import sight_ramp
-from deckline.picture_pose.states import States
-from deckline.types import LinePoints
+from deckline.picture_pose.ramp import CONTRADICTED_SIGMA, RampFix, check_closing, sight_ramp
+from deckline.picture_pose.states import ACCELERATION_M_S15, States
+from deckline.types import LinePoints, Reason
 
 PLACE = Place(distance_m=120.0, height_m=11.0)
 
@@ -60,3 +60,16 @@ def test_a_searched_part_that_cuts_the_lines_shows_no_ramp():
     seen = see(PLACE)
     bottom = seen.left.points_px[:, 1].max() + 1.0
     assert sight(replace(seen, region_px=(0.0, 0.0, 1279.0, bottom))) is None
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_a_ramp_that_comes_nearer_as_no_aircraft_flies_is_a_zoom(sign):
+    """The error of the way is that of both places, of the speed, and of an acceleration."""
+    sigma_m = float(np.sqrt(3.0**2 + 4.0**2 + (0.8 * 2.0) ** 2 + ACCELERATION_M_S15[0] ** 2 * 0.8**3 / 3))
+    first = RampFix(1.0, 200.0, 3.0, 40.0, 2.0)
+    for off, is_flagged in ((0.99, False), (1.01, True)):
+        way_m = 0.8 * 40.0 + sign * off * CONTRADICTED_SIGMA * sigma_m
+        flag = check_closing(first, RampFix(1.8, 200.0 - way_m, 4.0, 40.0, 2.0))
+        assert (flag is not None) is is_flagged
+    assert flag.reason is Reason.FOCAL
+    assert f"{way_m:.0f} m in 0.8 s, expected 32 m" in flag.message

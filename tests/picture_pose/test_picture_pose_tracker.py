@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from picture_scene import (
     CAMERA,
-    CAMERA_MOUNT,
     IN_WIDTHS,
     LEVEL,
     RATE_HZ,
@@ -22,10 +21,12 @@ from picture_scene import (
     see,
     sights_of,
 )
+from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from deckline.dehaze.horizon_search import ANSWER_S
-from deckline.picture_pose.model import horizon_innovation, lines_innovation, update
+from deckline.geometry import camera_mount
+from deckline.picture_pose.model import Mount, horizon_innovation, lines_innovation, update
 from deckline.picture_pose.states import States, predict, shared_sigmas
 from deckline.picture_pose.tracker import CORRELATION_TIME_S
 from deckline.types import Detection, Diagnostic, LinePoints, PoseSource, Reason, TrackState
@@ -142,7 +143,7 @@ def test_a_line_that_contradicts_the_track_is_left_out_and_later_flagged(followe
     for age, answer in enumerate(answers):
         assert answer.track.state is TrackState.TRACKING
         assert reasons(answer.track.excluded) == [Reason.LEFT]
-        assert reasons(answer.track.flags) == [Reason.LEFT] * (age / RATE_HZ >= LEVEL.integrity.persist_s)
+        assert reasons(answer.track.flags) == [Reason.LEFT] * (age / RATE_HZ > LEVEL.integrity.persist_s)
     off, sigma = errors_of(belief_in(follower), FLIGHT(2.5))
     assert np.all(np.abs(off) < 4 * sigma)
     (well,) = follower.follow(FLIGHT, [2.6])
@@ -175,23 +176,32 @@ def test_lines_that_contradict_the_track_for_long_begin_a_new_one(follower):
 
 
 def test_a_horizon_that_arrives_late_counts_as_if_it_were_used_at_its_own_frame(follower):
-    """The first frame's horizon, put in by hand in order, against the tracker that gets it three frames later."""
+    """The first frame's horizon, put in by hand in order, against the tracker that gets it three frames later.
+
+    The camera turns on a gimbal meanwhile, as the poses of its mount state.
+    """
     times, shared = seconds(0.0, 0.4), shared_sigmas(CAMERA, LEVEL)
-    seen = [without_ramp(see(FLIGHT(t), rng=np.random.default_rng(round(t * 10)))) for t in times]
-    follower(frame_at(times[0]), seen[0])
+    mounts = [camera_mount([0.4, 0.1, 0.2], Rotation.from_euler("y", -0.05 - 0.1 * t)) for t in times]
+    follower(frame_at(times[0], mount=mounts[0]), gimballed(times[0], mounts[0]))
     first = belief_in(follower)
-    expected = update(first, horizon_innovation(first, horizon_sight(FLIGHT(0.0)), CAMERA_MOUNT))
-    for time_s, detection in zip(times[1:], seen[1:], strict=True):
+    horizon = horizon_sight(FLIGHT(0.0), mount=mounts[0])
+    expected = update(first, horizon_innovation(first, horizon, Mount.of(mounts[0])))
+    for time_s, mount in zip(times[1:], mounts[1:], strict=True):
         assert not np.allclose(belief_in(follower).mean, expected.mean, atol=1e-4)
         expected = predict(expected, float(time_s), shared)
-        lines = lines_innovation(expected, sights_of(detection), CAMERA_MOUNT)
+        lines = lines_innovation(expected, sights_of(gimballed(time_s, mount)), Mount.of(mount))
         expected = update(expected, lines.inflate(CORRELATION_TIME_S * RATE_HZ))
-        follower(frame_at(time_s), detection)
+        follower(frame_at(time_s, mount=mount), gimballed(time_s, mount))
     sigma = np.sqrt(np.diag(expected.covariance))
     np.testing.assert_allclose((belief_in(follower).mean - expected.mean) / sigma, 0.0, atol=1e-6)
     np.testing.assert_allclose(belief_in(follower).rotation, expected.rotation, atol=1e-9)
     difference = (belief_in(follower).covariance - expected.covariance) / np.outer(sigma, sigma)
     np.testing.assert_allclose(difference, 0.0, atol=1e-6)
+
+
+def gimballed(time_s, mount):
+    """What is detected at a time by a camera with this mount, without the ramp."""
+    return without_ramp(see(FLIGHT(time_s), mount=mount, rng=np.random.default_rng(round(time_s * 10))))
 
 
 def without_ramp(detection):
@@ -212,7 +222,7 @@ def test_what_is_kept_is_bounded_even_if_no_horizon_is_ever_found(blind):
 def test_a_horizon_that_contradicts_the_track_is_flagged_and_not_used(monkeypatch):
     def tilts(time_s):
         found = horizon_of(FLIGHT(time_s))
-        return replace(found, slope=found.slope + 0.2) if time_s > 0.5 else found
+        return replace(found, slope=found.slope + 0.35) if time_s > 0.5 else found
 
     follower = Follower(LEVEL, monkeypatch, tilts)
     answers = follower.follow(FLIGHT, seconds(0.0, 2.0))
@@ -220,6 +230,29 @@ def test_a_horizon_that_contradicts_the_track_is_flagged_and_not_used(monkeypatc
     assert reasons(answers[-1].track.flags) == [Reason.ATTITUDE]
     off, sigma = errors_of(belief_in(follower), FLIGHT(1.9))
     assert np.all(np.abs(off) < 3 * sigma)
+
+
+def test_one_frame_that_contradicts_the_track_is_no_doubt_and_many_are(follower):
+    follower.follow(FLIGHT, seconds(0.0, 2.0))
+    doubts = []
+    for time_s in seconds(2.0, 2.8):
+        place = FLIGHT(time_s)
+        other = replace(place, lateral_m=place.lateral_m + 30.0)
+        answer = follower(frame_at(time_s), see(other if round(10 * time_s) % 3 != 2 else place))
+        doubts.append(Reason.OTHER_LINES in reasons(answer.track.doubts))
+    assert not doubts[1]
+    assert doubts[-1]
+
+
+def test_a_picture_that_turns_faster_than_an_aircraft_is_in_doubt_for_a_while(follower):
+    def place(time_s):
+        return replace(FLIGHT(time_s), heading=float(np.deg2rad(14.0) * np.clip(time_s - 2.0, 0.0, 1.0)))
+
+    answers = {time_s: follower.follow(place, [time_s])[0] for time_s in seconds(0.0, 5.0)}
+    turning = [time_s for time_s, answer in answers.items() if Reason.BORESIGHT in reasons(answer.track.doubts)]
+    assert 2.1 <= turning[0] <= 2.6
+    assert turning[-1] < 4.6
+    assert turning == [time_s for time_s in answers if turning[0] <= time_s <= turning[-1]]
 
 
 def test_another_camera_begins_another_track(follower):

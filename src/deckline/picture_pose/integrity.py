@@ -92,9 +92,7 @@ def bias_flag(belief: Belief, shared_sigma: Array, config: RunConfig) -> Diagnos
     return Diagnostic(reason, message.format(scale * worst.bias))
 
 
-def unverified_reasons(
-    belief: Belief, evidence: Evidence, shared_sigma: Array, config: RunConfig
-) -> Diagnostics:
+def unverified_reasons(belief: Belief, evidence: Evidence, shared_sigma: Array, config: RunConfig) -> Diagnostics:
     """Why a pose that no test flags is not verified.
 
     Args:

@@ -69,6 +69,7 @@ class Sighting:
     lines: dict[str, LineSight]
     ramp: RampSight | None
     times: float  # of the variances: frames close together count as one
+    mount: Mount
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +115,7 @@ class _Memory:
     zoom_flag: Diagnostic | None = None
     horizon_flag: Diagnostic | None = None
     anchor: Belief | None = None  # at the frame whose horizon is searched, with its lines
+    anchor_mount: Mount | None = None  # of that frame's camera
     since: list[Sighting] = field(default_factory=list)  # of the frames after it
 
 
@@ -275,8 +277,8 @@ class PictureTracker:
         """Update with the lines that passed the gate, and with the ramp now and then."""
         time_s = picture.frame.time_s
         times = max(1.0, CORRELATION_TIME_S / max(step_s, MIN_STEP_S))
-        sighting = Sighting(time_s, lines, None, times)
-        memory.belief = _update_lines(memory.belief, sighting, picture.mount)
+        sighting = Sighting(time_s, lines, None, times, picture.mount)
+        memory.belief = _update_lines(memory.belief, sighting)
         memory.seen_s = memory.consistent_s = time_s
         if np.abs(memory.belief.mean[States.TURN][1:]).max() > MAX_TURN_RAD_S:
             memory.turned_s = time_s
@@ -314,8 +316,10 @@ class PictureTracker:
         belief, (closing, *_) = memory.belief, range(States.SIZE)[States.RATES]
         measured_m = float(belief.mean[States.DISTANCE]) + farther_m
         fix = RampFix(belief.time_s, measured_m, ramp.sigma_m, -float(belief.mean[closing]), belief.sigma(closing))
-        memory.ramp_fixes = [one for one in memory.ramp_fixes if fix.time_s - one.time_s <= SPAN_S] + [fix]
-        memory.zoom_flag = memory.zoom_flag or check_closing(memory.ramp_fixes[0], fix)
+        recent = [one for one in memory.ramp_fixes if fix.time_s - one.time_s <= SPAN_S]
+        found = (check_closing(one, fix) for one in recent)
+        memory.zoom_flag = memory.zoom_flag or next((flag for flag in found if flag is not None), None)
+        memory.ramp_fixes = [*recent, fix]
 
     def _search_horizon(self, picture: Picture) -> None:
         """Begin the search in a frame whose lines the filter used."""
@@ -324,18 +328,18 @@ class PictureTracker:
             return
         if self._search.is_due(frame.time_s):
             self._search.start(frame.time_s, frame.image_rgb)
-            memory.anchor, memory.since = memory.belief, []
+            memory.anchor, memory.anchor_mount, memory.since = memory.belief, picture.mount, []
 
     def _take_horizon(self, picture: Picture) -> None:
         """Use the horizon that is due: at its own frame, then the lines of the frames since again."""
         found, memory = self._search.take(picture.frame.time_s), self._memory
-        if memory is None or memory.anchor is None or found is None:
+        if memory is None or memory.anchor is None or memory.anchor_mount is None or found is None:
             return
         anchor, since, memory.anchor, memory.since = memory.anchor, memory.since, None, []
         horizon = _sight_horizon(picture.frame.camera, found)
         if horizon is None:
             return
-        innovation = horizon_innovation(anchor, horizon, picture.mount)
+        innovation = horizon_innovation(anchor, horizon, memory.anchor_mount)
         if distance2(anchor, innovation) > _gate(self.config.tracking.gate_sigma, 2):
             off = float(np.rad2deg(np.abs(innovation.residuals).max()))
             message = f"the horizon lies {off:.1f} degrees off what the lines suggest"
@@ -344,7 +348,7 @@ class PictureTracker:
         memory.horizon_flag, memory.agreed_s = None, anchor.time_s
         belief = update(anchor, innovation)
         for sighting in since:
-            belief = _update_lines(predict(belief, sighting.time_s, picture.shared), sighting, picture.mount)
+            belief = _update_lines(predict(belief, sighting.time_s, picture.shared), sighting)
         memory.belief = belief
 
     def _answer(self, memory: _Memory, picture: Picture, diagnostics: Diagnostics) -> PictureAnswer:
@@ -358,7 +362,13 @@ class PictureTracker:
             for reason, since in memory.excluded_s.items()
             if time_s - since >= config.integrity.persist_s
         )
-        flags = [*lasting, memory.horizon_flag, memory.zoom_flag, bias_flag(belief, picture.shared, config), *picture.flags]
+        flags = [
+            *lasting,
+            memory.horizon_flag,
+            memory.zoom_flag,
+            bias_flag(belief, picture.shared, config),
+            *picture.flags,
+        ]
         state = TrackState.TRACKING if memory.seen_s == time_s else TrackState.COASTING
         track = replace(
             track_of(belief, state, memory.has_ramp, picture.shared, config),
@@ -401,11 +411,11 @@ def _excess(belief: Belief, sights: dict[str, LineSight], mount: Mount, gate_sig
     return distance2(belief, lines_innovation(belief, sights, mount)) / _gate(gate_sigma, 2 * len(sights))
 
 
-def _update_lines(belief: Belief, sighting: Sighting, mount: Mount) -> Belief:
-    belief = update(belief, lines_innovation(belief, sighting.lines, mount).inflate(sighting.times))
+def _update_lines(belief: Belief, sighting: Sighting) -> Belief:
+    belief = update(belief, lines_innovation(belief, sighting.lines, sighting.mount).inflate(sighting.times))
     if sighting.ramp is None:
         return belief
-    return update(belief, ramp_innovation(belief, sighting.ramp.ray, sighting.ramp.sigma_m, mount))
+    return update(belief, ramp_innovation(belief, sighting.ramp.ray, sighting.ramp.sigma_m, sighting.mount))
 
 
 def _start_ramp(belief: Belief, ramp: RampSight, mount: Mount) -> Belief:
