@@ -39,14 +39,6 @@ def with_pose(frame: Frame, belief: Belief) -> Frame:
     )
 
 
-def with_camera(frame: Frame, belief: Belief) -> Frame:
-    """The frame with the focal length and principal point of a belief, for which its lines lie on those seen."""
-    camera, mean = frame.camera, belief.mean
-    share = 1 + float(mean[States.FOCAL])
-    cx, cy = camera.cx + camera.fx * float(mean[States.CX]), camera.cy + camera.fy * float(mean[States.CY])
-    return replace(frame, camera=replace(camera, fx=share * camera.fx, fy=share * camera.fy, cx=cx, cy=cy))
-
-
 def lines_of(belief: Belief, at_m: float, config: RunConfig) -> dict[str, RunwayLine]:
     """Left, right and centre line in the runway's frame, at a place along it, with their errors as seen from the
     aircraft; the camera's mounting errs in yaw as stated, and turns the lines about the aircraft."""

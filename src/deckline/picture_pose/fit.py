@@ -31,7 +31,7 @@ MIN_AHEAD = 0.2  # share of the vanishing point's direction that must point ahea
 MAX_HEADING_SIGMA_RAD = float(np.deg2rad(5.0))  # beyond, the vanishing point is not determined
 LOWEST, HIGHEST = 0.02, 30.0  # runway widths of height that are believed
 MAX_ROLL_RAD = float(np.deg2rad(60.0))  # of the body, against which the picture counts as upside down
-MAX_RESIDUAL = 5.0  # 1-sigma of any part of the picture that the fit leaves
+MAX_RESIDUAL = 5.0  # 1-sigma of any part of the picture that the fit leaves, or of any prior that it contradicts
 
 
 def fit_pose(
@@ -61,7 +61,7 @@ def fit_pose(
         return start
     rotation, place = start
     prior = initial_belief(time_s, rotation, place, shared_sigma, config)
-    return check_belief(_iterate(prior, sights, level, mount), sights, level, mount)
+    return check_belief(_iterate(prior, sights, level, mount), prior, sights, level, mount)
 
 
 def closed_form(
@@ -132,7 +132,9 @@ def innovations(belief: Belief, sights: dict[str, LineSight], level: LevelSight,
     return total
 
 
-def check_belief(belief: Belief, sights: dict[str, LineSight], level: LevelSight, mount: Mount) -> Belief | Diagnostic:
+def check_belief(
+    belief: Belief, prior: Belief, sights: dict[str, LineSight], level: LevelSight, mount: Mount
+) -> Belief | Diagnostic:
     """The belief, or why it is none."""
     rotation, widths = Rotation.from_matrix(belief.rotation), belief.mean[States.HEIGHT] / belief.width_m
     if not np.isfinite(belief.mean).all() or not LOWEST <= widths <= HIGHEST:
@@ -142,6 +144,8 @@ def check_belief(belief: Belief, sights: dict[str, LineSight], level: LevelSight
     if abs(rotation.as_euler("ZYX")[2]) > MAX_ROLL_RAD:
         return Diagnostic(Reason.NO_VANISHING_POINT, "the picture is upside down or on its side")
     left = innovations(belief, sights, level, mount)
-    if (np.abs(left.residuals) > MAX_RESIDUAL * np.sqrt(left.variance)).any():
+    sigma = np.sqrt(np.concatenate([left.variance, np.diag(prior.covariance)[States.SHARED]]))
+    shifts = (belief.mean - prior.mean)[States.SHARED]
+    if (np.abs(np.concatenate([left.residuals, shifts])) > MAX_RESIDUAL * sigma).any():
         return Diagnostic(Reason.ATTITUDE, "lines and horizon of the picture, or the attitude, contradict each other")
     return belief

@@ -19,6 +19,7 @@ from deckline.types import ASSUMED_CAMERA, MAX_FOCAL_SIGMA, Diagnostic, Diagnost
 Array = NDArray[np.float64]
 OBSERVED_SHARE = 0.1  # of a prior's variance that must be gone before its estimate is tested
 MIN_AGE_S = 1.0  # of a track, before it counts as able to show contradictions
+MAX_CONTRADICTED = 0.2  # share of the frames whose lines all contradict the track, beyond which it is in doubt
 MESSAGES = {
     States.FOCAL: (Reason.FOCAL, 100.0, "the focal length seems {:+.1f} % wrong"),
     States.CX: (Reason.BORESIGHT, 100.0, "the principal point seems {:+.1f} % of the focal length off, sideways"),
@@ -41,9 +42,23 @@ MESSAGES = {
 YOUNG = Diagnostic(Reason.YOUNG_TRACK, "the track is too young to show contradictions")
 UNLIKELY = Diagnostic(Reason.UNLIKELY_ERRORS, "the errors of camera, horizon and paint are unlikely together")
 NO_HORIZON = Diagnostic(Reason.NO_HORIZON, "neither a horizon nor an attitude confirms the roll that the lines suggest")
+NO_RAMP = Diagnostic(Reason.NO_RAMP, "the ramp was not seen: nothing shows that the lines are a runway's")
+UNSTEADY = Diagnostic(Reason.BORESIGHT, "the picture turns as no aircraft on approach does: a stabilised video?")
+OTHER_LINES = Diagnostic(Reason.OTHER_LINES, "the lines of other frames contradict the track")
 NO_WIDTH = Diagnostic(
     Reason.NO_WIDTH, "the picture gives lengths in runway widths: state --runway-width-m to have metres"
 )
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What a track has seen that confirms its pose."""
+
+    age_s: float  # of the track
+    has_level: bool  # a horizon or an attitude agreed lately
+    has_ramp: bool  # the ramp was seen
+    is_steady: bool  # the picture turns no faster than an aircraft does
+    contradicted: float  # share of the last frames with lines whose lines all contradict the track
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,15 +90,12 @@ def bias_flag(belief: Belief, shared_sigma: Array, config: RunConfig) -> Diagnos
     return Diagnostic(reason, message.format(scale * worst.bias))
 
 
-def unverified_reasons(
-    belief: Belief, age_s: float, has_level: bool, shared_sigma: Array, config: RunConfig
-) -> Diagnostics:
+def unverified_reasons(belief: Belief, evidence: Evidence, shared_sigma: Array, config: RunConfig) -> Diagnostics:
     """Why a pose that no test flags is not verified.
 
     Args:
         belief: of the present.
-        age_s: of its track.
-        has_level: whether a horizon or an attitude agreed lately.
+        evidence: of its track.
         shared_sigma: (13,) as stated.
         config: limits.
     """
@@ -92,8 +104,11 @@ def unverified_reasons(
     doubts = (
         (NO_WIDTH, config.deck.width_m is None),
         (ASSUMED_CAMERA, focal_sigma > MAX_FOCAL_SIGMA),
-        (NO_HORIZON, not has_level),
-        (YOUNG, age_s < MIN_AGE_S),
+        (NO_HORIZON, not evidence.has_level),
+        (NO_RAMP, not evidence.has_ramp),
+        (UNSTEADY, not evidence.is_steady),
+        (YOUNG, evidence.age_s < MIN_AGE_S),
+        (OTHER_LINES, evidence.contradicted > MAX_CONTRADICTED),
         (UNLIKELY, bool(squares) and chi2.sf(sum(squares), len(squares)) < config.integrity.doubt_risk),
     )
     return tuple(doubt for doubt, holds in doubts if holds)
@@ -104,7 +119,8 @@ def protection_levels(
 ) -> Protection:
     """Bounds on the errors for the stated width.
 
-    Faults are those of `Integrity` that a picture can have: focal length, a camera that is turned, another marking.
+    Nothing shows a camera that is turned in yaw, which turns the nose alone: the heading's bound holds for a turn up to
+    `max_yaw_deg`. Other faults are those of `Integrity` that a picture can have: focal length, a camera that is turned, another marking.
 
     Args:
         belief: of the present.
@@ -134,7 +150,7 @@ def protection_levels(
     return Protection(
         lateral_m=bound(place[States.LATERAL]),
         vertical_m=bound(rows[2]),
-        heading_rad=bound(rows[1], config.sensors.attitude_rad) + turned,  # a turn of the mount turns the nose alone
+        heading_rad=bound(rows[1], config.sensors.attitude_rad) + float(np.deg2rad(test.max_yaw_deg)),
         distance_m=bound(place[States.DISTANCE]) if has_ramp else None,
         risk=test.risk,
     )

@@ -9,10 +9,12 @@ from deckline.config import RunConfig
 from deckline.localize.line_fit import LineFit, NearEnds, check_near_ends, find_near_ends
 from deckline.localize.localizer import locate_inliers
 from deckline.picture_pose.answer import with_pose
-from deckline.picture_pose.states import Belief, States
-from deckline.types import SIDES, DepthMode, Detection, Frame, RunwayEstimate
+from deckline.picture_pose.states import ACCELERATION_M_S15, Belief, States
+from deckline.types import SIDES, DepthMode, Detection, Diagnostic, Frame, Reason, RunwayEstimate
 
 Array = NDArray[np.float64]
+SPAN_S = 1.0  # over which the ramp's approach is compared with the closing speed
+CONTRADICTED_SIGMA = 4.0  # of that comparison
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,6 +25,29 @@ class RampSight:
     """(3,) to the middle between both near ends, optical frame, z = 1."""
     sigma_m: float
     """1-sigma along the deck."""
+
+
+@dataclass(frozen=True)
+class RampFix:
+    """The ramp in one picture, and how fast the track closes at that time."""
+
+    time_s: float
+    distance_m: float  # by this picture's ramp
+    sigma_m: float
+    closing_m_s: float
+    closing_sigma_m_s: float
+
+
+def check_closing(first: RampFix, last: RampFix) -> Diagnostic | None:
+    """Contradict a ramp that comes nearer much faster or slower than the aircraft flies: the camera zooms."""
+    span_s = last.time_s - first.time_s
+    nearer_m, expected_m = first.distance_m - last.distance_m, first.closing_m_s * span_s
+    wander_m = float(ACCELERATION_M_S15[0]) * span_s**1.5 / np.sqrt(3)
+    sigma_m = np.linalg.norm([first.sigma_m, last.sigma_m, first.closing_sigma_m_s * span_s, wander_m])
+    if abs(nearer_m - expected_m) <= CONTRADICTED_SIGMA * sigma_m:
+        return None
+    message = f"the ramp came nearer by {nearer_m:.0f} m in {span_s:.1f} s, expected {expected_m:.0f} m: a zoom?"
+    return Diagnostic(Reason.FOCAL, message)
 
 
 def sight_ramp(

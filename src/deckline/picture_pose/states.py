@@ -151,12 +151,13 @@ def predict(belief: Belief, time_s: float, shared_sigma: Array) -> Belief:
     density = ACCELERATION_M_S15**2
     noise[place, place], noise[rates, rates] = density * dt**3 / 3, density * dt
     noise[place, rates] = noise[rates, place] = density * dt**2 / 2
-    retained = float(np.exp(-dt / TURN_TIME_S))
     attitude, turn = np.arange(6, 9), np.arange(9, 12)
-    transition[attitude, turn], transition[turn, turn] = TURN_TIME_S * (1 - retained), retained
-    renewed = TURN_SIGMA_RAD_S**2 * (1 - retained**2)
-    noise[turn, turn], noise[attitude, attitude] = renewed, renewed * dt**2 / 3
-    noise[attitude, turn] = noise[turn, attitude] = renewed * dt / 2
+    lost, variance = -float(np.expm1(-dt / TURN_TIME_S)), TURN_SIGMA_RAD_S**2
+    transition[attitude, turn], transition[turn, turn] = TURN_TIME_S * lost, 1 - lost
+    # Integrals of a first-order Gauss-Markov process.
+    noise[turn, turn] = variance * lost * (2 - lost)
+    noise[attitude, turn] = noise[turn, attitude] = variance * TURN_TIME_S * lost**2
+    noise[attitude, attitude] = variance * TURN_TIME_S**2 * (2 * (dt / TURN_TIME_S - lost) - lost**2)
     shared = np.arange(States.SIZE)[States.SHARED]
     kept = np.exp(-dt / FORGETTING_S)
     transition[shared, shared] = kept

@@ -16,9 +16,9 @@ from deckline.config import RunConfig
 from deckline.dehaze.horizon import Horizon, NoHorizon, find_horizon
 from deckline.dehaze.horizon_search import ANSWER_S, HorizonSearch
 from deckline.geometry import Camera
-from deckline.picture_pose.answer import estimate_of, in_widths, track_of, with_camera, with_pose
+from deckline.picture_pose.answer import estimate_of, in_widths, track_of, with_pose
 from deckline.picture_pose.fit import fit_pose
-from deckline.picture_pose.integrity import bias_flag, unverified_reasons
+from deckline.picture_pose.integrity import Evidence, bias_flag, unverified_reasons
 from deckline.picture_pose.model import (
     Mount,
     attitude_innovation,
@@ -28,10 +28,11 @@ from deckline.picture_pose.model import (
     ramp_innovation,
     update,
 )
-from deckline.picture_pose.ramp import RampSight, sight_ramp
+from deckline.picture_pose.ramp import SPAN_S, RampFix, RampSight, check_closing, sight_ramp
 from deckline.picture_pose.sights import HorizonSight, LevelSight, LineSight, sight_horizon, sight_lines
 from deckline.picture_pose.states import (
     PLACE_SIGMA_M,
+    TURN_SIGMA_RAD_S,
     USUAL_WIDTH_M,
     Belief,
     States,
@@ -56,6 +57,8 @@ RAMP_CORRELATION_S = 1.0  # the same of the ramp
 RAMP_EVERY_S = 0.2  # so often the near ends are looked for
 HORIZON_VALID_S = 3.0  # a horizon that agreed so long ago still confirms the roll
 MIN_STEP_S = 1e-6
+MAX_TURN_RAD_S = 2 * TURN_SIGMA_RAD_S  # of pitch and heading; beyond, something else moves the picture
+STEADY_S = 1.0  # without such a turn
 UNUSABLE = {Reason.FROZEN}  # flags of a frame whose lines may not update the track
 
 
@@ -68,6 +71,7 @@ class Sighting:
     ramp: RampSight | None
     level: LevelSight
     times: float  # of the variances: frames close together count as one
+    mount: Mount
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,9 +112,14 @@ class _Memory:
     ramp_s: float = -np.inf  # when the near ends were last looked for
     agreed_s: float = -np.inf  # time of the last horizon that agreed
     excluded_s: dict[Reason, float] = field(default_factory=dict)  # since when a line is left out
+    contradicted: float = 0.0  # share of the frames in `tracking.reacquire_s` whose lines all contradict the track
+    turned_s: float = -np.inf  # when the picture last turned faster than an aircraft
+    ramp_fixes: list[RampFix] = field(default_factory=list)  # of the last `SPAN_S`
+    zoom_flag: Diagnostic | None = None
     horizon_flag: Diagnostic | None = None
     level_flag: Diagnostic | None = None
     anchor: Belief | None = None  # at the frame whose horizon is searched, with its lines
+    anchor_mount: Mount | None = None  # of that frame's camera
     since: list[Sighting] = field(default_factory=list)  # of the frames after it
 
 
@@ -225,11 +234,12 @@ class PictureTracker:
         ramp = sight_ramp(frame, picture.detection, estimate, belief, config)
         if ramp is not None:
             belief = _start_ramp(belief, ramp, picture.mount)
-        doubts = unverified_reasons(belief, 0.0, level.is_known, picture.shared, config)
+        evidence = Evidence(0.0, level.is_known, ramp is not None, True, 0.0)
+        doubts = unverified_reasons(belief, evidence, picture.shared, config)
         lines = estimate_of(estimate, belief, ramp is not None, config)
         lines = replace(lines, diagnostics=(*lines.diagnostics, *doubts))
         track = track_of(belief, TrackState.TRACKING, ramp is not None, picture.shared, config)
-        placed, lines, _ = self._in_unit(with_pose(with_camera(frame, belief), belief), lines, track)
+        placed, lines, _ = self._in_unit(with_pose(frame, belief), lines, track)
         return PictureAnswer(placed, lines, None)
 
     def _fit(self, picture: Picture, level: LevelSight) -> Belief | Diagnostic:
@@ -244,6 +254,8 @@ class PictureTracker:
         step_s = time_s - memory.belief.time_s
         memory.belief = predict(memory.belief, time_s, picture.shared)
         lines, excluded = _select_lines(memory.belief, picture.sights, picture.mount, tracking.gate_sigma)
+        weight = -float(np.expm1(-step_s / tracking.reacquire_s))
+        memory.contradicted += weight * (bool(picture.sights and not lines) - memory.contradicted)
         memory.excluded_s = {d.reason: memory.excluded_s.get(d.reason, time_s) for d in excluded}
         if lines:
             self._use(memory, picture, lines, step_s)
@@ -273,9 +285,11 @@ class PictureTracker:
         time_s = picture.frame.time_s
         times = max(1.0, CORRELATION_TIME_S / max(step_s, MIN_STEP_S))
         level = self._select_level(memory, picture)
-        sighting = Sighting(time_s, lines, None, level, times)
-        memory.belief = _update_lines(memory.belief, sighting, picture.mount)
+        sighting = Sighting(time_s, lines, None, level, times, picture.mount)
+        memory.belief = _update_lines(memory.belief, sighting)
         memory.seen_s = memory.consistent_s = time_s
+        if np.abs(memory.belief.mean[States.TURN][1:]).max() > MAX_TURN_RAD_S:
+            memory.turned_s = time_s
         if len(lines) == len(SIDES) and time_s - memory.ramp_s >= RAMP_EVERY_S:
             sighting = replace(sighting, ramp=self._use_ramp(memory, picture))
         if memory.anchor is not None:
@@ -310,13 +324,24 @@ class PictureTracker:
         since_s, memory.ramp_s = frame.time_s - memory.ramp_s, frame.time_s
         if not memory.has_ramp or farther_m < -gate * sigma_m:
             memory.belief, memory.has_ramp = _start_ramp(belief, ramp, picture.mount), True
-            memory.anchor = None  # counted from another origin
+            memory.anchor, memory.ramp_fixes = None, []  # counted from another origin
             return None
+        self._check_closing(memory, ramp, farther_m)
         if farther_m > gate * sigma_m:
             return None
         times = max(1.0, 2 * RAMP_CORRELATION_S / max(since_s, MIN_STEP_S))
         memory.belief = update(belief, innovation.inflate(times))
         return replace(ramp, sigma_m=float(np.sqrt(times)) * ramp.sigma_m)
+
+    def _check_closing(self, memory: _Memory, ramp: RampSight, farther_m: float) -> None:
+        """Compare the ramp with those of the last `SPAN_S`; a contradiction stays flagged, as the zoom stays."""
+        belief, (closing, *_) = memory.belief, range(States.SIZE)[States.RATES]
+        measured_m = float(belief.mean[States.DISTANCE]) + farther_m
+        fix = RampFix(belief.time_s, measured_m, ramp.sigma_m, -float(belief.mean[closing]), belief.sigma(closing))
+        recent = [one for one in memory.ramp_fixes if fix.time_s - one.time_s <= SPAN_S]
+        found = (check_closing(one, fix) for one in recent)
+        memory.zoom_flag = memory.zoom_flag or next((flag for flag in found if flag is not None), None)
+        memory.ramp_fixes = [*recent, fix]
 
     def _search_horizon(self, picture: Picture) -> None:
         """Begin the search in a frame whose lines the filter used."""
@@ -325,18 +350,18 @@ class PictureTracker:
             return
         if self._search.is_due(frame.time_s):
             self._search.start(frame.time_s, frame.image_rgb)
-            memory.anchor, memory.since = memory.belief, []
+            memory.anchor, memory.anchor_mount, memory.since = memory.belief, picture.mount, []
 
     def _take_horizon(self, picture: Picture) -> None:
         """Use the horizon that is due: at its own frame, then the lines of the frames since again."""
         found, memory = self._search.take(picture.frame.time_s), self._memory
-        if memory is None or memory.anchor is None or found is None:
+        if memory is None or memory.anchor is None or memory.anchor_mount is None or found is None:
             return
         anchor, since, memory.anchor, memory.since = memory.anchor, memory.since, None, []
         horizon = _sight_horizon(picture.frame.camera, found)
         if horizon is None:
             return
-        innovation = horizon_innovation(anchor, horizon, picture.mount)
+        innovation = horizon_innovation(anchor, horizon, memory.anchor_mount)
         if distance2(anchor, innovation) > _gate(self.config.tracking.gate_sigma, 2):
             off = float(np.rad2deg(np.abs(innovation.residuals).max()))
             message = f"the horizon lies {off:.1f} degrees off what the lines suggest"
@@ -345,13 +370,15 @@ class PictureTracker:
         memory.horizon_flag, memory.agreed_s = None, anchor.time_s
         belief = update(anchor, innovation)
         for sighting in since:
-            belief = _update_lines(predict(belief, sighting.time_s, picture.shared), sighting, picture.mount)
+            belief = _update_lines(predict(belief, sighting.time_s, picture.shared), sighting)
         memory.belief = belief
 
     def _answer(self, memory: _Memory, picture: Picture, diagnostics: Diagnostics) -> PictureAnswer:
         frame, belief, config = picture.frame, memory.belief, self.config
         time_s, age_s = frame.time_s, frame.time_s - memory.start_s
         has_level = time_s - memory.agreed_s <= HORIZON_VALID_S + ANSWER_S
+        is_steady = time_s - memory.turned_s > STEADY_S
+        evidence = Evidence(age_s, has_level, memory.has_ramp, is_steady, memory.contradicted)
         lasting = tuple(
             Diagnostic(reason, f"the {reason} line contradicts the track, for {time_s - since:.1f} s")
             for reason, since in memory.excluded_s.items()
@@ -361,6 +388,7 @@ class PictureTracker:
             *lasting,
             memory.horizon_flag,
             memory.level_flag,
+            memory.zoom_flag,
             bias_flag(belief, picture.shared, config),
             *picture.flags,
         ]
@@ -371,11 +399,11 @@ class PictureTracker:
             excluded=tuple(Diagnostic(reason, f"the {reason} line is left out") for reason in memory.excluded_s),
             diagnostics=diagnostics,
             age_s=age_s,
-            doubts=unverified_reasons(belief, age_s, has_level, picture.shared, config),
+            doubts=unverified_reasons(belief, evidence, picture.shared, config),
         )
         self._last = track
         estimate = estimate_of(picture.estimate, belief, memory.has_ramp, config)
-        return PictureAnswer(*self._in_unit(with_pose(with_camera(frame, belief), belief), estimate, track))
+        return PictureAnswer(*self._in_unit(with_pose(frame, belief), estimate, track))
 
     def _in_unit(self, frame: Frame, estimate: RunwayEstimate, track: Track) -> tuple[Frame, RunwayEstimate, Track]:
         """In metres where the width is stated, else in runway widths."""
@@ -406,14 +434,15 @@ def _excess(belief: Belief, sights: dict[str, LineSight], mount: Mount, gate_sig
     return distance2(belief, lines_innovation(belief, sights, mount)) / _gate(gate_sigma, 2 * len(sights))
 
 
-def _update_lines(belief: Belief, sighting: Sighting, mount: Mount) -> Belief:
-    innovation, level = lines_innovation(belief, sighting.lines, mount).inflate(sighting.times), sighting.level
+def _update_lines(belief: Belief, sighting: Sighting) -> Belief:
+    mount, level = sighting.mount, sighting.level
+    innovation = lines_innovation(belief, sighting.lines, mount).inflate(sighting.times)
     if level.attitude is not None:
         innovation = innovation + attitude_innovation(belief, level.attitude, level.white_rad)
     belief = update(belief, innovation)
     if sighting.ramp is None:
         return belief
-    return update(belief, ramp_innovation(belief, sighting.ramp.ray, sighting.ramp.sigma_m, mount))
+    return update(belief, ramp_innovation(belief, sighting.ramp.ray, sighting.ramp.sigma_m, sighting.mount))
 
 
 def _start_ramp(belief: Belief, ramp: RampSight, mount: Mount) -> Belief:

@@ -1,0 +1,262 @@
+"""Pictures of no approach to a runway, through the whole chain: no `ok` beyond a level, no metres without a width.
+
+Detections are projected, horizons are put in their place; the letterboxed pictures are drawn and searched.
+"""
+
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from runway_picture import (
+    CAMERA,
+    IN_WIDTHS,
+    LEVEL,
+    MOUNT,
+    Follower,
+    Place,
+    Runway,
+    fly,
+    frame_at,
+    horizon_of,
+    reasons,
+    seconds,
+    see,
+)
+from scipy.ndimage import gaussian_filter1d
+from scipy.spatial.transform import RigidTransform
+
+from deckline.dehaze import DEHAZERS
+from deckline.flight import Flight
+from deckline.geometry import Camera, attitude
+from deckline.picture_pose.states import DIP_RAD
+from deckline.types import Detection, LinePoints, Reason, Status
+
+FLIGHT = fly()
+SILENT = {Status.UNVERIFIED, Status.NOT_SEEN, Status.COASTING, Status.ONE_LINE}
+
+
+def picture_at(time_s):
+    """A frame whose picture is like no other's."""
+    frame = frame_at(time_s)
+    grain = np.random.default_rng(round(100 * time_s)).integers(0, 256, (72, 128, 3), np.uint8)
+    image = np.tile(grain, (10, 10, 1))
+    image[0, 0] = frame.image_rgb[0, 0]
+    return replace(frame, image_rgb=image)
+
+
+@pytest.fixture
+def run(monkeypatch):
+    """Results of a flight through the chain: what is detected and where the horizon is, by time."""
+
+    def results(detect, horizon, times, config=LEVEL):
+        Follower(config, monkeypatch, horizon)
+        with Flight(config, DEHAZERS["none"](), lambda picture, box: None) as flight:
+            return [flight(picture_at(time_s), detection=detect(time_s)) for time_s in times]
+
+    return results
+
+
+def statuses(results):
+    return Counter(result.guidance.status for result in results)
+
+
+def assert_honest(results, true_place):
+    """No frame is `ok` whose errors are beyond its protection levels."""
+    for result in results:
+        found, place = result.guidance, true_place(result.frame.time_s)
+        if found.status is Status.OK:
+            levels = found.protection
+            assert abs(found.lateral_deviation_m.value - place.lateral_m) <= levels.lateral_m
+            assert abs(found.height_above_deck_m.value - place.height_m) <= levels.vertical_m
+            assert abs(found.heading_error_rad.value - place.heading) <= levels.heading_rad
+            assert abs(found.distance_to_ramp_m.value - place.distance_m) <= levels.distance_m
+
+
+def assert_no_metres(results):
+    for result in results:
+        found = result.guidance
+        lengths = (found.lateral_deviation_m, found.height_above_deck_m, found.distance_to_ramp_m, found.protection)
+        assert lengths == (None, None, None, None)
+        assert (found.vertical_deviation_m, found.closing_m_s, found.height_rate_m_s) == (None, None, None)
+
+
+def test_a_nominal_flight_is_verified_and_stays_so(run):
+    shown = {
+        seed: run(
+            lambda t, seed=seed: see(fly(seed=seed)(t), rng=np.random.default_rng([seed, round(10 * t)])),
+            lambda t, seed=seed: horizon_of(fly(seed=seed)(t), rng=np.random.default_rng([seed, round(10 * t), 1])),
+            seconds(0.0, 4.0),
+        )
+        for seed in range(2)
+    }
+    for seed, results in shown.items():
+        assert_honest(results, fly(seed=seed))
+        assert all(result.guidance.status is Status.OK for result in results[15:])
+
+
+def turned_over(detection):
+    """What a detector finds in the picture upside down: left and right by their place in it."""
+
+    def turn(points):
+        return replace(points, points_px=[CAMERA.width - 1.0, CAMERA.height - 1.0] - points.points_px)
+
+    return Detection(turn(detection.right), turn(detection.left))
+
+
+def staircase(detection):
+    """Two lines that converge downwards, left and right by their place."""
+
+    def flip(points):
+        return replace(points, points_px=[0.0, CAMERA.height - 1.0] + [1.0, -1.0] * points.points_px)
+
+    return Detection(flip(detection.left), flip(detection.right))
+
+
+def side_by_side(detection):
+    """Two lines parallel in the picture."""
+    left, beside = detection.left, np.array([200.0, 0.0])
+    return Detection(left, replace(left, points_px=left.points_px + beside))
+
+
+@pytest.mark.parametrize("config", [LEVEL, IN_WIDTHS], ids=["width", "no width"])
+@pytest.mark.parametrize("change", [turned_over, staircase, side_by_side])
+def test_lines_that_no_runway_ahead_has_give_no_pose(run, change, config):
+    results = run(lambda t: change(see(FLIGHT(t))), lambda t: horizon_of(FLIGHT(t)), seconds(0.0, 1.5), config)
+    assert set(statuses(results)) <= {Status.UNVERIFIED, Status.NOT_SEEN}
+    assert all(result.frame.world_from_body is None and result.guidance.in_widths is None for result in results)
+    assert_no_metres(results)
+
+
+@pytest.mark.parametrize(
+    "place",
+    [
+        Place(distance_m=50.0, lateral_m=0.0, height_m=0.1, roll=0.0, pitch=0.0, heading=0.0),  # on the ground
+        Place(distance_m=-50.0, lateral_m=-60.0, height_m=15.0, roll=0.0, pitch=0.0, heading=1.5),  # from beside
+    ],
+    ids=["ground", "beside"],
+)
+def test_a_camera_on_the_ground_or_beside_gives_no_pose(run, place):
+    results = run(lambda _: see(place), lambda _: horizon_of(place), seconds(0.0, 1.0))
+    assert_no_metres(results)
+    assert all(result.frame.world_from_body is None for result in results)
+
+
+def drive(time_s):
+    """A car in the middle of a lane, 15 m/s."""
+    return Place(-5.0 - 15.0 * time_s, 0.0, 1.5, 0.0, 0.0, 0.01)
+
+
+@pytest.mark.parametrize("config", [LEVEL, IN_WIDTHS], ids=["width", "no width"])
+def test_a_road_is_never_verified(run, config):
+    rng, road = np.random.default_rng(0), Runway(3.5, length_m=400.0)
+    results = run(lambda t: see(drive(t), road, rng=rng), lambda t: horizon_of(drive(t)), seconds(0.0, 3.0), config)
+    assert set(statuses(results)) == {Status.UNVERIFIED}
+    assert Reason.NO_RAMP in reasons(results[-1].track.doubts)
+    if config is IN_WIDTHS:
+        assert_no_metres(results)
+        assert results[-1].guidance.in_widths.height_above_deck.value == pytest.approx(1.5 / 3.5, abs=0.08)  # the arm
+
+
+@pytest.mark.parametrize("share", [2, 3])
+def test_two_runways_in_turn_are_never_verified(run, share):
+    rng = np.random.default_rng(0)
+
+    def detect(time_s):
+        place = FLIGHT(time_s)
+        other = replace(place, heading=place.heading - 0.15, lateral_m=place.lateral_m + 20.0)
+        return see(other if round(10 * time_s) % share else place, rng=rng)
+
+    results = run(detect, lambda t: horizon_of(FLIGHT(t)), seconds(0.0, 4.0))
+    assert set(statuses(results)) <= SILENT
+    assert Reason.OTHER_LINES in reasons(results[-1].track.doubts)
+
+
+def zoomed(time_s, times):
+    """The camera, its focal length so many times longer from 2 to 3 s on."""
+    zoom = 1 + (times - 1) * float(np.clip(time_s - 2.0, 0.0, 1.0))
+    return replace(CAMERA, fx=zoom * CAMERA.fx, fy=zoom * CAMERA.fy)
+
+
+@pytest.mark.parametrize("times", [1.5, 2.0, 0.67])
+def test_a_zoom_in_flight_is_flagged_from_then_on(run, times):
+    rng = np.random.default_rng(0)
+    results = run(
+        lambda t: see(FLIGHT(t), camera=zoomed(t, times), rng=rng),
+        lambda t: horizon_of(FLIGHT(t), zoomed(t, times)),
+        seconds(0.0, 5.0),
+    )
+    assert_honest(results, FLIGHT)
+    assert results[19].guidance.status is Status.OK
+    assert all(result.guidance.status in SILENT for result in results[30:])
+
+
+def test_a_stabilised_video_is_never_verified_beyond_its_levels(run):
+    """Its picture is shifted by 2 % of its width from frame to frame, smoothly."""
+    for seed in range(2):
+        shift = gaussian_filter1d(np.random.default_rng(seed).normal(size=(2, 60)), 3, axis=1)
+        shift *= 0.02 * CAMERA.width / np.abs(np.diff(shift, axis=1)).mean()
+        rng = np.random.default_rng(0)
+
+        def camera(time_s, shift=shift):
+            u, v = shift[:, round(10 * time_s)]
+            return replace(CAMERA, cx=CAMERA.cx + u, cy=CAMERA.cy + v)
+
+        def detect(time_s, camera=camera, rng=rng):
+            return see(FLIGHT(time_s), camera=camera(time_s), rng=rng)
+
+        results = run(detect, lambda t, camera=camera: horizon_of(FLIGHT(t), camera(t)), seconds(0.0, 5.0))
+        assert_honest(results, FLIGHT)
+        assert all(result.guidance.status in SILENT for result in results[10:])
+
+
+def test_after_a_jump_cut_the_new_view_is_measured(run):
+    def place(time_s):
+        return FLIGHT(time_s) if time_s < 2.0 else fly(180.0, seed=3)(time_s - 1.5)
+
+    rng = np.random.default_rng(0)
+    results = run(lambda t: see(place(t), rng=rng), lambda t: horizon_of(place(t)), seconds(0.0, 5.0))
+    assert_honest(results, place)
+    assert all(result.guidance.status in SILENT for result in results[20:25])
+
+
+SMALL = Camera.from_fov(640, 360, np.deg2rad(60))
+BAR = 44  # rows of black above and below: 2.35 to 1 in 16 to 9
+
+
+def draw_sea(place, time_s, bar=BAR):
+    """Sky over sea with the horizon of a place, between black bars."""
+    view = (RigidTransform.from_rotation(attitude(place.roll, place.pitch, place.heading)) * MOUNT).rotation
+    v, u = np.mgrid[0 : SMALL.height, 0 : SMALL.width].astype(float)
+    rays = np.stack([(u - SMALL.cx) / SMALL.fx, (v - SMALL.cy) / SMALL.fy, np.ones(u.shape)], axis=-1)
+    down = (rays / np.linalg.norm(rays, axis=-1, keepdims=True)) @ view.as_matrix()[2] - np.sin(DIP_RAD)
+    sea = np.clip(down * SMALL.fx + 0.5, 0, 1)[..., None]
+    haze = np.exp(-0.01 / np.maximum(down, 1e-4))[..., None]
+    waves = np.random.default_rng(round(100 * time_s)).normal(0, 2.0, (*u.shape, 1))
+    sky = np.array([185.0, 200.0, 220.0]) + 60.0 * down[..., None].clip(-1, 0)
+    water = sky + haze * (np.array([40.0, 60.0, 75.0]) + waves - sky)
+    image = (1 - sea) * sky + sea * water + np.random.default_rng(round(100 * time_s)).normal(0, 0.7, (*u.shape, 1))
+    if bar:
+        image[:bar] = image[-bar:] = 0.0
+    return image.clip(0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("bar", [0, BAR])
+def test_a_letterboxed_video_is_verified_only_within_its_levels(bar):
+    rng = np.random.default_rng(0)
+    with Flight(LEVEL, DEHAZERS["none"](), lambda picture, box: None) as flight:
+        results = []
+        for time_s in seconds(0.0, 3.0):
+            place = FLIGHT(time_s)
+            frame = replace(frame_at(time_s), camera=SMALL, image_rgb=draw_sea(place, time_s, bar))
+            seen = see(place, camera=SMALL, rng=rng)
+            results.append(flight(frame, detection=Detection(*(above(line, bar) for line in (seen.left, seen.right)))))
+    assert_honest(results, FLIGHT)
+    assert (Status.OK in statuses(results)) == (bar == 0)
+    assert bar == 0 or reasons(results[-1].track.doubts) == [Reason.NO_HORIZON]  # the bar's edge is taken for none
+
+
+def above(points, bar):
+    """Points that no bar hides."""
+    shown = points.points_px[:, 1] < SMALL.height - bar
+    return LinePoints(points.points_px[shown], points.confidence[shown], points.sigma_px[shown])
