@@ -120,7 +120,8 @@ def protection_levels(
     """Bounds on the errors for the stated width.
 
     Nothing shows a camera that is turned in yaw, which turns the nose alone: the heading's bound holds for a turn up to
-    `max_yaw_deg`. Other faults are those of `Integrity` that a picture can have: focal length, a camera that is turned, another marking.
+    `max_yaw_deg`. Other faults are those of `Integrity` that a picture can have: focal length, another turn of the
+    camera, another marking.
 
     Args:
         belief: of the present.
