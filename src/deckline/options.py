@@ -16,6 +16,7 @@ def _flag(metavar: str) -> Any:
 
 Number = Annotated[float | None, _flag("N")]
 Point = Annotated[tuple[float, float, float] | None, _flag("X Y Z")]
+Velocity = Annotated[tuple[float, float] | None, _flag("NORTH EAST")]
 Model = Annotated[str | None, _flag("MODEL")]
 
 TARGETS = {  # option -> section and field of the RunConfig
@@ -27,6 +28,7 @@ TARGETS = {  # option -> section and field of the RunConfig
     "delay_sigma_s": ("sensors", "delay_s"),
     "sea_state": ("deck", "sea_state"),
     "runway_width_m": ("deck", "width_m"),
+    "ship_velocity_m_s": ("deck", "ship_velocity_m_s"),
     "glideslope_deg": ("approach", "glideslope_deg"),
     "touchdown_m": ("approach", "touchdown_m"),
     "point_m": ("approach", "point_m"),
@@ -60,6 +62,7 @@ class RunOptions:
         delay_sigma_s: 1-sigma of the pose's time against the picture's.
         sea_state: 0 to 6: how much the deck moves (default 4); 0 for a runway on land.
         runway_width_m: between the middles of both lines; learned when not given.
+        ship_velocity_m_s: of the ship in the world; 0 0 for a runway on land. Below 40 m/s nothing is ok without it.
         glideslope_deg: of the wanted approach (3.5).
         touchdown_m: aim point beyond the ramp (70).
         point_m: point of the aircraft that deviations refer to: forward, right, down of the body origin.
@@ -88,6 +91,7 @@ class RunOptions:
     delay_sigma_s: Number = None
     sea_state: Number = None
     runway_width_m: Number = None
+    ship_velocity_m_s: Velocity = None
     glideslope_deg: Number = None
     touchdown_m: Number = None
     point_m: Point = None
