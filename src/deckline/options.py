@@ -62,7 +62,7 @@ class RunOptions:
         delay_sigma_s: 1-sigma of the pose's time against the picture's.
         sea_state: 0 to 6: how much the deck moves (default 4); 0 for a runway on land.
         runway_width_m: between the middles of both lines; learned when not given.
-        ship_velocity_m_s: of the ship in the world; 0 0 for a runway on land. Below 40 m/s nothing is ok without it.
+        ship_velocity_m_s: of the ship in the world; 0 0 on land. Slow flights need it for ok.
         glideslope_deg: of the wanted approach (3.5).
         touchdown_m: aim point beyond the ramp (70).
         point_m: point of the aircraft that deviations refer to: forward, right, down of the body origin.
@@ -76,7 +76,7 @@ class RunOptions:
         device: what computes the networks: cpu (ONNX Runtime; the default), openvino, cuda or tensorrt.
         threads: of the processor, for the networks; all when not given.
         precision: of the networks' arithmetic: f32 (the default), or with openvino bf16 where the processor has it.
-        mode: where distances come from: depth camera (fine), deck plane (coarse), or both (auto).
+        mode: of distances: depth camera (fine), deck plane (coarse), or both (auto).
         measure_visibility: of every frame, for its record; each is dehazed for it.
         no_track: treat every frame alone, without the filter over the frames of one flight.
     """

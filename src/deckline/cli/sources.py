@@ -35,7 +35,7 @@ class SourceOptions:
     """What is known of a source.
 
     Args:
-        fov_deg: horizontal field of view, degrees, without a camera file: a pinhole that points forward.
+        fov_deg: horizontal field of view of a pinhole, without a camera file.
         camera: camera.toml, or YAML of OpenCV or ROS, when not beside the source; of a simulator the camera's name.
         origin: of the world, degrees and metres, for poses that have these; their first position when not given.
         deck_z_m: world z (down, metres) of the deck plane, for ranges beyond the depth camera.
