@@ -374,6 +374,8 @@ class Integrity:
         max_ship_m_s: the largest speed of a ship whose velocity is not stated, m/s; 15.4: 30 knots.
         max_yaw_deg: the largest yaw of a turned camera that a heading's protection level may cover, degrees. Where a
             larger one would not show, the heading has no level.
+        mount_yaw_deg: the largest yaw that the mounting can have, as its builder states; None: the drift of the lines
+            alone bounds it, and a hovering aircraft shows none.
         max_width_fraction: the largest possible error of the stated width, as a share of it; 4: a fifth is stated.
         max_line_m: the same of a line: another marking beside it, m. Foul lines lie up to 6 m outside the edge lines.
     """
@@ -393,6 +395,7 @@ class Integrity:
     max_drift_m_s: float = 3.5
     max_ship_m_s: float = 15.4
     max_yaw_deg: float = 10.0
+    mount_yaw_deg: float | None = None
     max_width_fraction: float = 4.0
     max_line_m: float = 6.0
 

@@ -28,7 +28,12 @@ from deckline.recording import RecordingError
 from deckline.recording.geodesy import ecef_from_geodetic, ecef_from_ned, geodetic_from_ned
 from picture_scene import picture_result
 
-WIDE = replace(CONFIG, deck=replace(CONFIG.deck, width_m=16.0))  # a stated width: guidance becomes `ok`
+# A stated width and a checked mounting: guidance of a hovering aircraft becomes `ok`.
+WIDE = replace(
+    CONFIG,
+    deck=replace(CONFIG.deck, width_m=16.0),
+    integrity=replace(CONFIG.integrity, mount_yaw_deg=1.0),
+)
 PROGRESS, WALL = FrameCounts(), WallClock()
 TARGET_M = np.array([70.0, 0.0, -20.0])  # of a runway along world x from 0
 

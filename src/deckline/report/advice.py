@@ -34,7 +34,7 @@ CHECK = {
 OTHERWISE = "do not follow the numbers until the cause is found"
 REMEDIES = {
     Reason.NO_SCALE: "state --runway-width-m, or use a depth camera",
-    Reason.YAW: "state --ship-velocity-m-s NORTH EAST; 0 0 for a runway on land",
+    Reason.YAW: "state --ship-velocity-m-s NORTH EAST (0 0 on land), or integrity.mount_yaw_deg of a checked mounting",
     Reason.YOUNG_TRACK: "take more frames of the flight, without --no-track",
     Reason.NO_WIDTH: "state --runway-width-m: metres in place of runway widths",
     Reason.NO_HORIZON: "keep the horizon in the picture, or give poses (--poses)",

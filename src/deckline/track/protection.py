@@ -49,14 +49,24 @@ def least_closing_speed(state: FilterState, pose: Pose, closing: Value | None, c
 
 
 def undetected_yaw(state: FilterState, closing_m_s: float, config: RunConfig) -> float | None:
-    """Bound on the yaw of a turned camera, rad, by the drift of the lines; None: nothing bounds it.
+    """Bound on the yaw of a turned camera, rad, by the lines' drift or as its builder states; None: nothing bounds it.
+
+    Args:
+        closing_m_s: the least that is possible.
+    """
+    stated, shown = config.integrity.mount_yaw_deg, _yaw_by_drift(state, closing_m_s, config)
+    if stated is None:
+        return shown
+    bound = float(np.deg2rad(stated))
+    return bound if shown is None else min(bound, shown)
+
+
+def _yaw_by_drift(state: FilterState, closing_m_s: float, config: RunConfig) -> float | None:
+    """Bound on the yaw by the drift of the lines, rad; None: there is none.
 
     A camera that is turned by psi sees the lines drift at closing speed times sin(psi), and no picture shows more of
     it. The drift that a ship explains is its largest, or, where its velocity is stated, that velocity's error. What
     is left of the estimate, with its quantile, may be yaw.
-
-    Args:
-        closing_m_s: the least that is possible.
     """
     if not is_drift_known(state, config):
         return None

@@ -78,7 +78,8 @@ def test_the_deck_and_the_mount_are_reported_wrong():
     assert heights == {"deck height -10 m": -30.0, "deck height of the sea": -2.0, "deck height, wrong sign": 20.0}
     mounts = {name: injected(name)[0][0].body_from_camera.rotation for name in RENDERED if name.startswith("mount")}
     turns = [(turn * frame().body_from_camera.rotation.inv()).as_rotvec(degrees=True) for turn in mounts.values()]
-    np.testing.assert_allclose(np.abs(turns), [[0, 0, 5], [0, 3, 0]], atol=1e-9)
+    expected = [[0, 0, 1.5], [0, 0, 5], [0, 0, 8], [0, 0, 12], [0, 3, 0]]
+    np.testing.assert_allclose(np.abs(turns), expected, atol=1e-9)
 
 
 def test_a_painted_line_lies_where_it_projects_and_fades_in_haze():
