@@ -168,15 +168,16 @@ def update(belief: Belief, innovation: Innovation) -> Belief:
 
 
 def gain_of(covariance: Array, innovation: Innovation) -> Array:
-    """Gain (25, m) of a Schmidt-Kalman filter, which does not estimate `States.CONSIDERED`.
+    """Gain (25, m) of a filter that takes `States.CONSIDERED` as stated, and leaves them alone.
 
-    Source: Schmidt, "Application of state-space methods to navigation problems", 1966.
+    Their error is in the covariance all the same: `updated_covariance` holds for any gain. Source: Schmidt,
+    "Application of state-space methods to navigation problems", 1966.
     """
-    across = covariance @ innovation.design.T
+    known = covariance.copy()
+    known[States.CONSIDERED], known[:, States.CONSIDERED] = 0.0, 0.0
+    across = known @ innovation.design.T
     variance = innovation.design @ across + np.diag(innovation.variance)
-    gain = np.asarray(np.linalg.solve(variance, across.T).T, dtype=np.float64)
-    gain[States.CONSIDERED] = 0.0
-    return gain
+    return np.asarray(np.linalg.solve(variance, across.T).T, dtype=np.float64)
 
 
 def updated_covariance(covariance: Array, gain: Array, innovation: Innovation) -> Array:
