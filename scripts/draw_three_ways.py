@@ -47,7 +47,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("recording", type=Path)
     parser.add_argument("out", type=Path)
-    parser.add_argument("--shown", type=float, default=0.6, help="share of the flight at which its picture is shown")
+    parser.add_argument("--shown", type=float, default=0.85, help="share of the flight at which its picture is shown")
     given = parser.parse_args()
     ways = [fly(given.recording, name, given.shown) for name in WAYS]
     draw(ways, given.out / "three_ways.png")

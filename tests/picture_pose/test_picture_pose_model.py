@@ -24,10 +24,11 @@ from runway_picture import (
 from scipy.linalg import block_diag
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from deckline.geometry import camera_mount
+from deckline.geometry import attitude, camera_mount
 from deckline.picture_pose.model import (
     Innovation,
     Mount,
+    attitude_innovation,
     cross,
     distance2,
     horizon_innovation,
@@ -116,6 +117,21 @@ def test_the_horizons_derivatives_are_those_of_central_differences(seed):
     np.testing.assert_allclose(design, expected, atol=5e-3)  # left out: the ray's length changes with the camera
 
 
+@given(seed=st.integers(0, 10_000))
+@settings(max_examples=10)
+def test_an_attitudes_residual_is_how_its_vertical_differs_and_its_heading_does_not_count(seed):
+    place = draw_place(np.random.default_rng(seed))
+    belief, sensor = belief_of(place), attitude(place.roll, place.pitch, 1.9).as_matrix()
+    exact = attitude_innovation(belief, sensor, 0.001)
+    np.testing.assert_allclose(exact.residuals, 0.0, atol=1e-12)
+    expected = central_differences(belief, lambda at: attitude_innovation(at, sensor, 0.001))
+    attitude_columns = [range(States.SIZE)[States.ATTITUDE]]
+    np.testing.assert_allclose(exact.design[:, attitude_columns], expected[:, attitude_columns], atol=1e-6)
+    rolled = attitude_innovation(belief_of(), attitude(0.02, 0.0, 0.0).as_matrix(), 0.001)
+    level = attitude_innovation(belief_of(), np.eye(3), 0.001)
+    assert np.linalg.norm(rolled.residuals - level.residuals) == pytest.approx(np.sin(0.02), rel=1e-3)
+
+
 def ramp_ray(
     place: Place, runway: Runway, camera_errors: dict[int, float], mount: RigidTransform = MOUNT
 ) -> np.ndarray:
@@ -173,6 +189,23 @@ def test_an_update_is_bayes_rule_in_information_form():
     np.testing.assert_allclose((after.mean - belief.mean)[:6] / scale[:6], step[:6] / scale[:6], atol=1e-3)
     turn = Rotation.from_matrix(after.rotation @ belief.rotation.T).as_rotvec()
     np.testing.assert_allclose(turn / scale[States.ATTITUDE], step[States.ATTITUDE] / scale[States.ATTITUDE], atol=1e-3)
+
+
+def test_an_update_leaves_the_camera_as_stated_and_carries_its_error():
+    """A pose whose camera's focal length errs by 1-sigma errs by what the covariance says of the two together."""
+    belief = belief_of()
+    sigma, wrong = np.sqrt(belief.covariance[States.FOCAL, States.FOCAL]), dict.fromkeys(CAMERA_ERRORS, 0.0)
+    seen = {share: sights_of(see(camera=true_camera(wrong | {States.FOCAL: share}))) for share in (0.0, 1e-4)}
+    found = {share: update(belief, lines_innovation(belief, lines, CAMERA_MOUNT)) for share, lines in seen.items()}
+    for after in found.values():
+        np.testing.assert_array_equal(after.mean[States.CONSIDERED], belief.mean[States.CONSIDERED])
+        np.testing.assert_allclose(
+            after.covariance[States.CONSIDERED, States.CONSIDERED],
+            belief.covariance[States.CONSIDERED, States.CONSIDERED],
+        )
+    index = [States.LATERAL, States.HEIGHT]
+    moved = (found[1e-4].mean - found[0.0].mean)[index] / 1e-4
+    np.testing.assert_allclose(moved, -found[0.0].covariance[index, States.FOCAL] / sigma**2, rtol=0.02, atol=0.01)
 
 
 def test_inflated_variance_counts_as_fewer_frames():

@@ -25,7 +25,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from deckline.dehaze.horizon_search import ANSWER_S
-from deckline.geometry import camera_mount
+from deckline.geometry import attitude, camera_mount
 from deckline.picture_pose.memory import CORRELATION_TIME_S
 from deckline.picture_pose.model import Mount, horizon_innovation, lines_innovation, update
 from deckline.picture_pose.states import States, predict, shared_sigmas
@@ -72,6 +72,30 @@ def test_the_pose_is_followed_and_labelled(follower):
     assert abs(off[4]) < levels.heading_rad
     assert abs(belief_in(follower).mean[States.DISTANCE] - place.distance_m) < levels.distance_m
     assert last.track.closing_m_s.value == pytest.approx(40.0, abs=4 * last.track.closing_m_s.sigma)
+
+
+def test_one_horizon_is_not_enough(follower):
+    """Searches begin at 0 and 1 s, and answer 0.3 s later."""
+    doubts = {
+        round(found.track.time_s, 2): reasons(found.track.doubts)
+        for found in follower.follow(FLIGHT, seconds(0.0, 2.0))
+    }
+    assert Reason.NO_HORIZON in doubts[1.2]
+    assert Reason.NO_HORIZON not in doubts[1.4]
+
+
+def test_an_attitude_in_place_of_a_horizon(blind):
+    """A sensor's roll and pitch confirm the lines, and a sensor that contradicts them is flagged."""
+    place = FLIGHT(0.0)
+    for time_s in seconds(0.0, 2.0):
+        place = FLIGHT(time_s)
+        tilted = replace(frame_at(time_s), level_from_body=attitude(place.roll, place.pitch, 0.7))
+        found = blind(tilted, see(place))
+    assert (found.track.flags, found.track.doubts) == ((), ())
+    off, sigma = errors_of(belief_in(blind), place)
+    assert np.all(np.abs(off) < 3.5 * sigma)
+    wrong = replace(frame_at(2.0), level_from_body=attitude(place.roll + 0.1, place.pitch, 0.7))
+    assert Reason.ATTITUDE in reasons(blind(wrong, see(FLIGHT(2.0))).track.flags)
 
 
 def test_errors_agree_with_the_covariance(monkeypatch):

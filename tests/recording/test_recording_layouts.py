@@ -203,6 +203,22 @@ def test_sizes_must_agree(tmp_path):
     assert all(text in size.reason for text in ("3x2", "3x1"))
 
 
+def test_attitudes_without_positions_are_no_pose_but_a_level(tmp_path):
+    poses = "file,time_s,roll_deg,pitch_deg,yaw_deg\na.png,0,4,-3,120\nb.png,1,,,\n"
+    tilted, unknown = open_recording(images(tmp_path, ["a.png", "b.png"], poses=poses))
+    assert tilted.world_from_body is None and unknown.world_from_body is None
+    np.testing.assert_allclose(tilted.level_from_body.as_euler("ZYX", degrees=True), [120.0, -3.0, 4.0])
+    assert unknown.level_from_body is None
+
+
+def test_attitudes_by_time_are_interpolated_without_positions(tmp_path):
+    folder = images(tmp_path, ["a.png"], poses="time_s,roll_rad,pitch_rad,yaw_rad\n0,0,0,0\n1,0.2,0,0\n")
+    (folder / "times.csv").write_text("file,time_s\na.png,0.5\n")
+    (frame,) = open_recording(folder, navigation=Navigation(max_gap_s=2.0))
+    assert frame.world_from_body is None
+    np.testing.assert_allclose(frame.level_from_body.as_rotvec(), [0.1, 0.0, 0.0])
+
+
 def test_a_poses_file_that_cannot_be_used_is_named(tmp_path):
     with pytest.raises(RecordingError, match=r"poses\.csv.*qw.*roll_deg"):
         open_recording(images(tmp_path, ["a.png"], poses=POSES.replace("qw", "w")))
