@@ -13,12 +13,14 @@ from runway_picture import (
     IN_WIDTHS,
     LEVEL,
     MOUNT,
+    RATE_HZ,
     Follower,
     Place,
     Runway,
     fly,
     frame_at,
     horizon_of,
+    pose_of,
     reasons,
     seconds,
     see,
@@ -30,7 +32,7 @@ from deckline.dehaze import DEHAZERS
 from deckline.flight import Flight
 from deckline.geometry import Camera, attitude
 from deckline.picture_pose.states import DIP_RAD
-from deckline.types import Detection, LinePoints, Reason, Status
+from deckline.types import Detection, LinePoints, PoseSource, Reason, Status
 
 FLIGHT = fly()
 SILENT = {Status.UNVERIFIED, Status.NOT_SEEN, Status.COASTING, Status.ONE_LINE}
@@ -260,3 +262,18 @@ def above(points, bar):
     """Points that no bar hides."""
     shown = points.points_px[:, 1] < SMALL.height - bar
     return LinePoints(points.points_px[shown], points.confidence[shown], points.sigma_px[shown])
+
+
+def test_the_picture_answers_once_the_poses_have_stopped():
+    """The track of the poses coasts first; then the pose is the picture's, and the world the runway's."""
+    sources = []
+    with Flight(LEVEL, DEHAZERS["none"](), lambda picture, box: None) as flight:
+        for time_s in seconds(0.0, 4.0):
+            place = FLIGHT(time_s)
+            frame = replace(picture_at(time_s), deck_z_m=0.0)
+            posed = replace(frame, world_from_body=pose_of(place)) if time_s < 1.0 else frame
+            sources.append(flight(posed, detection=see(place)).guidance.pose_source)
+    posed = round(1.0 * RATE_HZ)
+    assert set(sources[:posed]) == {PoseSource.NAVIGATION}
+    assert sources[posed] is None  # the track coasts, and the frame has no pose
+    assert sources[-1] is PoseSource.PICTURE
