@@ -55,6 +55,9 @@ def main() -> None:
     for way in ways:
         settled = [one for one in way.scores if one.age_s >= 1.0]
         ok = sum(one.status == "ok" for one in settled)
+        if not settled:
+            print(f"| {way.name} | no frame 1 s and more into a track |")
+            continue
         worst = (np.percentile([abs(one.errors[name][0]) for one in settled], 90) for name in SHOWN)
         print(f"| {way.name} | {ok} of {len(settled)} | " + " | ".join(f"{value:.2f}" for value in worst) + " |")
 
@@ -101,6 +104,8 @@ def draw(ways: list[Way], path: Path) -> None:
         axes[0, column].axis("off")
         for row, (name, scale) in enumerate(zip(SHOWN, FULL_SCALE, strict=True), 1):
             known = [one for one in way.scores if name in one.errors]
+            if not known:
+                continue
             ranges, errors, sigmas = np.array([(one.range_m, *one.errors[name]) for one in known]).T
             place = axes[row, column]
             place.fill_between(ranges, -NORMAL_95 * sigmas, NORMAL_95 * sigmas, color="#3b82f6", alpha=0.2, linewidth=0)

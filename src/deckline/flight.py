@@ -184,10 +184,13 @@ class Flight:
         estimate = _timed(seconds, "localize", lambda: self.localizer(frame, points, self.config, rng))
         flags = self._monitor(prediction, estimate, None if is_given else points)
         track = _timed(seconds, "track", lambda: self._update_track(prediction, points, estimate, flags))
-        self._by_picture = frame.world_from_body is None and (track is None or track.state is TrackState.LOST)
-        if self._by_picture:
+        self._by_picture = False
+        if frame.world_from_body is None:
             answer = _timed(seconds, "picture", lambda: self.picture.update(frame, points, estimate, flags))
-            frame, estimate, track = answer.frame, answer.estimate, answer.track
+            is_lost = track is None or track.state is TrackState.LOST
+            self._by_picture = is_lost or (answer.track is not None and answer.track.state is not TrackState.LOST)
+            if self._by_picture:
+                frame, estimate, track = answer.frame, answer.estimate, answer.track
         advice = _timed(seconds, "guide", lambda: guidance(frame, estimate, track, self.config.approach))
         return FrameResult(frame, points, estimate, advice, seconds, track, dehazed)
 

@@ -95,6 +95,9 @@ def test_widths_are_metres_over_the_width(width):
     np.testing.assert_allclose(
         width * scaled_frame.world_from_body.translation, frame.world_from_body.translation, atol=1e-12
     )
+    np.testing.assert_allclose(
+        width * scaled_frame.world_from_camera.translation, frame.world_from_camera.translation, atol=1e-12
+    )
     turn: Rotation = scaled_frame.world_from_body.rotation * frame.world_from_body.rotation.inv()
     assert turn.magnitude() == pytest.approx(0.0, abs=1e-12)
     for side, line in followed.lines.items():

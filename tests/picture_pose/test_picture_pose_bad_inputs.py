@@ -71,7 +71,7 @@ def assert_honest(results, true_place):
             levels = found.protection
             assert abs(found.lateral_deviation_m.value - place.lateral_m) <= levels.lateral_m
             assert abs(found.height_above_deck_m.value - place.height_m) <= levels.vertical_m
-            assert abs(found.heading_error_rad.value - place.heading) <= levels.heading_rad
+            assert levels.heading_rad is None  # nothing shows a camera that is turned in yaw
             assert abs(found.distance_to_ramp_m.value - place.distance_m) <= levels.distance_m
 
 
@@ -265,7 +265,7 @@ def above(points, bar):
 
 
 def test_the_picture_answers_once_the_poses_have_stopped():
-    """The track of the poses coasts first; then the pose is the picture's, and the world the runway's."""
+    """Without a break, and the world is then the runway's."""
     sources = []
     with Flight(LEVEL, DEHAZERS["none"](), lambda picture, box: None) as flight:
         for time_s in seconds(0.0, 4.0):
@@ -275,5 +275,4 @@ def test_the_picture_answers_once_the_poses_have_stopped():
             sources.append(flight(posed, detection=see(place)).guidance.pose_source)
     posed = round(1.0 * RATE_HZ)
     assert set(sources[:posed]) == {PoseSource.NAVIGATION}
-    assert sources[posed] is None  # the track coasts, and the frame has no pose
-    assert sources[-1] is PoseSource.PICTURE
+    assert set(sources[posed:]) == {PoseSource.PICTURE}

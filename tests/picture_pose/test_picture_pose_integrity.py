@@ -9,6 +9,7 @@ from scipy.stats import norm
 
 from deckline.geometry import Camera
 from deckline.picture_pose.integrity import (
+    CHANGED_S,
     MAX_CONTRADICTED,
     MESSAGES,
     MIN_AGE_S,
@@ -39,7 +40,7 @@ def observed(index, share=0.75, bias_sigma=0.0):
 def test_what_no_picture_observed_is_not_tested():
     assert list(prior_tests(belief_of(), SHARED, LEVEL)) == []
     assert bias_flag(belief_of(), SHARED, LEVEL) is None
-    assert list(prior_tests(observed(States.FOCAL, OBSERVED_SHARE / 2), SHARED, LEVEL)) == []
+    assert list(prior_tests(observed(States.ANGLE, OBSERVED_SHARE / 2), SHARED, LEVEL)) == []
 
 
 def test_a_test_compares_the_estimate_with_what_is_stated():
@@ -67,11 +68,14 @@ def test_every_shared_error_has_its_flag(index, sign):
     assert flag.reason is reason
     bias = scale * 1.01 * sign * alarm * SHARED[index - START] * np.sqrt(0.75)
     assert f"{bias:+.1f}" in flag.message
-    assert set(MESSAGES) == set(range(States.SIZE)[States.SHARED])
+    considered = range(States.SIZE)[States.CONSIDERED]  # never estimated
+    assert set(MESSAGES) == set(range(States.SIZE)[States.SHARED]) - set(considered)
 
 
 def doubts(belief=None, shared=SHARED, config=LEVEL, **changes):
-    evidence = replace(Evidence(5.0, has_level=True, has_ramp=True, is_steady=True, contradicted=0.0), **changes)
+    evidence = replace(
+        Evidence(5.0, has_level=True, has_ramp=True, is_steady=True, contradicted=0.0, changed_s=np.inf), **changes
+    )
     return reasons(unverified_reasons(belief or belief_of(), evidence, shared, config))
 
 
@@ -82,6 +86,7 @@ def test_a_pose_is_verified_by_horizon_ramp_width_camera_and_age():
     assert doubts(is_steady=False) == [Reason.BORESIGHT]
     assert doubts(contradicted=0.9 * MAX_CONTRADICTED) == []
     assert doubts(contradicted=1.1 * MAX_CONTRADICTED) == [Reason.OTHER_LINES]
+    assert doubts(changed_s=0.9 * CHANGED_S) == [Reason.OTHER_LINES]
     assert doubts(age_s=0.9 * MIN_AGE_S) == [Reason.YOUNG_TRACK]
     assert doubts(age_s=MIN_AGE_S) == []
     assert doubts(config=IN_WIDTHS) == [Reason.NO_WIDTH]
@@ -92,9 +97,9 @@ def test_a_pose_is_verified_by_horizon_ramp_width_camera_and_age():
 
 
 def test_errors_that_are_unlikely_together_are_a_doubt():
-    belief = observed(States.FOCAL, bias_sigma=3.5)
+    belief = observed(States.ANGLE, bias_sigma=3.5)
     assert doubts(belief) == [Reason.UNLIKELY_ERRORS]  # 3.5 sigma alone: 0.0005 of all flights, and the limit is 0.001
-    assert doubts(observed(States.FOCAL, bias_sigma=2.5)) == []
+    assert doubts(observed(States.ANGLE, bias_sigma=2.5)) == []
 
 
 def levels(belief, at_m=70.0, has_ramp=True, config=LEVEL):
@@ -103,13 +108,15 @@ def levels(belief, at_m=70.0, has_ramp=True, config=LEVEL):
 
 def test_a_level_is_the_quantile_of_the_covariance_and_the_largest_fault():
     belief = belief_of()
-    quantile, turned = norm.isf(LEVEL.integrity.risk / 2), np.deg2rad(LEVEL.integrity.max_yaw_deg)
-    found = levels(belief)
+    quantile = norm.isf(LEVEL.integrity.risk / 2)
+    checked = replace(LEVEL, integrity=replace(LEVEL.integrity, mount_yaw_deg=2.0))
+    found = levels(belief, config=checked)
     # Nothing is observed: no state responds to a fault, but the angle of the mount.
     assert found.lateral_m == pytest.approx(quantile * belief.sigma(States.LATERAL))
     assert found.distance_m == pytest.approx(quantile * belief.sigma(States.DISTANCE))
     heading = np.hypot(np.sqrt(belief.heading_row @ belief.covariance @ belief.heading_row), LEVEL.sensors.attitude_rad)
-    assert found.heading_rad == pytest.approx(quantile * heading + turned)
+    assert found.heading_rad == pytest.approx(quantile * heading + np.deg2rad(2.0))
+    assert levels(belief).heading_rad is None
     assert found.risk == LEVEL.integrity.risk
     assert levels(belief, has_ramp=False).distance_m is None
 

@@ -69,7 +69,7 @@ def test_the_pose_is_followed_and_labelled(follower):
     levels = last.track.protection
     assert abs(off[0]) < levels.lateral_m
     assert abs(off[1]) < levels.vertical_m
-    assert abs(off[4]) < levels.heading_rad
+    assert levels.heading_rad is None  # nothing shows a camera that is turned in yaw
     assert abs(belief_in(follower).mean[States.DISTANCE] - place.distance_m) < levels.distance_m
     assert last.track.closing_m_s.value == pytest.approx(40.0, abs=4 * last.track.closing_m_s.sigma)
 
@@ -393,3 +393,14 @@ def test_without_tracking_every_frame_is_for_itself(monkeypatch):
     refused = follower(frame_at(2.0), NOTHING)
     assert refused.frame.world_from_body is None
     assert Reason.NO_VANISHING_POINT in reasons(refused.estimate.diagnostics)
+
+
+@pytest.mark.parametrize("painted_m", [(0.0, 4.0), (0.0, 8.0), (6.0, 6.0)])
+def test_lines_that_come_back_elsewhere_stay_in_doubt(follower, painted_m):
+    """The covariance of a line that is left out grows until it passes the gate again: it is not right for that."""
+    follower.follow(FLIGHT, seconds(0.0, 2.0))
+    answers = follower.follow(FLIGHT, seconds(2.0, 4.0), runway=Runway(painted_m=painted_m))
+    unused = [found.track.state is not TrackState.TRACKING or found.track.excluded for found in answers]
+    doubted = [bool(found.track.doubts or found.track.flags) for found in answers]
+    assert all(one or other for one, other in zip(unused, doubted, strict=True))
+    assert Reason.OTHER_LINES in reasons(answers[-1].track.doubts)

@@ -58,7 +58,8 @@ def guidance(frame: Frame, estimate: RunwayEstimate, track: Track | None, approa
         estimate: lines of this frame alone: used without a track, in its first frame, or when it is lost and nothing is
             flagged.
         track: lines of all frames so far, with rates, protection levels and flags.
-        approach: the wanted approach, and the point of the aircraft that deviations refer to.
+        approach: the wanted approach, and the point of the aircraft that deviations refer to; in runway widths they
+            refer to the body's origin.
     """
     source = _select_source(estimate, track)
     flags = estimate.flags if track is None else track.flags + estimate.flags
@@ -85,7 +86,8 @@ def guidance(frame: Frame, estimate: RunwayEstimate, track: Track | None, approa
         return replace(base, diagnostics=source.diagnostics + flags or (NOT_LOCALIZED,))
     doubts = doubts if base.status is Status.UNVERIFIED else ()
     base = replace(base, diagnostics=source.diagnostics + flags + doubts)
-    found = _add_deviations(base, frame.world_from_body, source, approach)
+    point_m = (0.0, 0.0, 0.0) if frame.in_widths else approach.point_m
+    found = _add_deviations(base, frame.world_from_body, source, point_m)
     if "centre" in source.lines and track is not None and source.lines is track.lines:
         found = replace(
             found,
@@ -112,9 +114,11 @@ def _scale_sources(estimate: RunwayEstimate, track: Track | None) -> tuple[Scale
     return by_depth + track.scale_sources
 
 
-def _add_deviations(base: Guidance, body: RigidTransform, source: RunwayEstimate, approach: Approach) -> Guidance:
+def _add_deviations(
+    base: Guidance, body: RigidTransform, source: RunwayEstimate, point_m: tuple[float, float, float]
+) -> Guidance:
     """The same with height, lateral deviation, heading error and distance of the aircraft's reference point."""
-    place = body.apply(np.array(approach.point_m))
+    place = body.apply(np.array(point_m))
     centre = source.lines.get("centre")
     line = centre or next(iter(source.lines.values()))
     height = Value(float(line.height_m - place[2]), float(np.sqrt(line.aircraft_covariance[2, 2])))

@@ -97,8 +97,11 @@ def in_widths(
     """The same with every length of the runway's frame counted in runway widths; rates and levels are left out."""
     by, pose = 1 / width_m, frame.world_from_body
     if pose is not None:
-        placed = RigidTransform.from_components(by * np.asarray(pose.translation), pose.rotation)
-        frame = replace(frame, world_from_body=placed, in_widths=True)
+        placed, mounted = (
+            RigidTransform.from_components(by * np.asarray(one.translation), one.rotation)
+            for one in (pose, frame.body_from_camera)
+        )
+        frame = replace(frame, world_from_body=placed, body_from_camera=mounted, in_widths=True)
     ramp_sigma = None if track.ramp_sigma_m is None else by * track.ramp_sigma_m
     lines = {side: _scale_line(line, by) for side, line in track.lines.items()}
     estimate = replace(estimate, lines=lines, ramp_sigma_m=ramp_sigma)

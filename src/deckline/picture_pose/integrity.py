@@ -1,8 +1,8 @@
 """Tests of what is stated against the pictures, and protection levels, for a pose that the picture gives.
 
-The same method as for flights with a navigation unit, `deckline.track.integrity`: an estimate of a shared error that is
-farther from zero than its variance allows is a fault; a level covers the largest fault that no test shows. What no
-picture shows is taken as stated: the width, and the focal length within its 1-sigma.
+An estimate of a shared error that is farther from zero than its variance allows is a fault; a level covers the largest
+fault that no test shows, as for flights with a navigation unit (`deckline.track.protection`). What no picture shows is
+taken as stated: the width, and the camera within its 1-sigma.
 """
 
 from collections.abc import Iterator
@@ -19,11 +19,9 @@ from deckline.types import ASSUMED_CAMERA, MAX_FOCAL_SIGMA, Diagnostic, Diagnost
 Array = NDArray[np.float64]
 OBSERVED_SHARE = 0.1  # of a prior's variance that must be gone before its estimate is tested
 MIN_AGE_S = 1.0  # of a track, before it counts as able to show contradictions
+CHANGED_S = 10.0  # after lines that contradicted the track came back: an approach's last part; our choice
 MAX_CONTRADICTED = 0.2  # share of the frames whose lines all contradict the track, beyond which it is in doubt
 MESSAGES = {
-    States.FOCAL: (Reason.FOCAL, 100.0, "the focal length seems {:+.1f} % wrong"),
-    States.CX: (Reason.BORESIGHT, 100.0, "the principal point seems {:+.1f} % of the focal length off, sideways"),
-    States.CY: (Reason.BORESIGHT, 100.0, "the principal point seems {:+.1f} % of the focal length off, in height"),
     States.HORIZON_UP: (
         Reason.ATTITUDE,
         float(np.rad2deg(1.0)),
@@ -44,7 +42,7 @@ UNLIKELY = Diagnostic(Reason.UNLIKELY_ERRORS, "the errors of camera, horizon and
 NO_HORIZON = Diagnostic(Reason.NO_HORIZON, "neither a horizon nor an attitude confirms the roll that the lines suggest")
 NO_RAMP = Diagnostic(Reason.NO_RAMP, "the ramp was not seen: nothing shows that the lines are a runway's")
 UNSTEADY = Diagnostic(Reason.BORESIGHT, "the picture turns as no aircraft on approach does: a stabilised video?")
-OTHER_LINES = Diagnostic(Reason.OTHER_LINES, "the lines of other frames contradict the track")
+OTHER_LINES = Diagnostic(Reason.OTHER_LINES, "lines contradict the track, or did lately: which are right is not known")
 NO_WIDTH = Diagnostic(
     Reason.NO_WIDTH, "the picture gives lengths in runway widths: state --runway-width-m to have metres"
 )
@@ -59,6 +57,7 @@ class Evidence:
     has_ramp: bool  # the ramp was seen
     is_steady: bool  # the picture turns no faster than an aircraft does
     contradicted: float  # share of the last frames with lines whose lines all contradict the track
+    changed_s: float  # since lines came back that contradicted the track
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +107,7 @@ def unverified_reasons(belief: Belief, evidence: Evidence, shared_sigma: Array, 
         (NO_RAMP, not evidence.has_ramp),
         (UNSTEADY, not evidence.is_steady),
         (YOUNG, evidence.age_s < MIN_AGE_S),
-        (OTHER_LINES, evidence.contradicted > MAX_CONTRADICTED),
+        (OTHER_LINES, evidence.contradicted > MAX_CONTRADICTED or evidence.changed_s < CHANGED_S),
         (UNLIKELY, bool(squares) and chi2.sf(sum(squares), len(squares)) < config.integrity.doubt_risk),
     )
     return tuple(doubt for doubt, holds in doubts if holds)
@@ -119,9 +118,9 @@ def protection_levels(
 ) -> Protection:
     """Bounds on the errors for the stated width.
 
-    Nothing shows a camera that is turned in yaw, which turns the nose alone: the heading's bound holds for a turn up to
-    `max_yaw_deg`. Other faults are those of `Integrity` that a picture can have: focal length, another turn of the
-    camera, another marking.
+    Nothing shows a camera that is turned in yaw, which turns the nose alone: the heading has a bound only where
+    `mount_yaw_deg` is stated. Other faults are those of `Integrity` that a picture can have: focal length, another turn
+    of the camera, another marking.
 
     Args:
         belief: of the present.
@@ -134,6 +133,7 @@ def protection_levels(
     turned = float(np.deg2rad(test.max_boresight_deg))
     undetected = np.zeros(States.SIZE)
     undetected[[States.FOCAL, States.CX, States.CY]] = test.max_focal_fraction, turned, turned
+    undetected[[States.LEVEL_X, States.LEVEL_Y]] = turned
     undetected[[States.LEFT, States.RIGHT]] = test.max_line_m
     undetected = undetected[States.SHARED]
     responses = belief.covariance[:, States.SHARED] / shared_sigma**2  # of every state to a fault
@@ -147,11 +147,12 @@ def protection_levels(
         sigma = float(np.sqrt(row @ belief.covariance @ row + white**2))
         return quantile * sigma + float(np.max(np.abs(row @ responses) * undetected))
 
-    rows, place = line_rows(belief, at_m), np.eye(States.SIZE)
+    rows, place, yaw_deg = line_rows(belief, at_m), np.eye(States.SIZE), test.mount_yaw_deg
+    heading = None if yaw_deg is None else bound(rows[1], config.sensors.attitude_rad) + float(np.deg2rad(yaw_deg))
     return Protection(
         lateral_m=bound(place[States.LATERAL]),
         vertical_m=bound(rows[2]),
-        heading_rad=bound(rows[1], config.sensors.attitude_rad) + float(np.deg2rad(test.max_yaw_deg)),
+        heading_rad=heading,
         distance_m=bound(place[States.DISTANCE]) if has_ramp else None,
         risk=test.risk,
     )

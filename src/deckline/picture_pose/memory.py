@@ -27,7 +27,8 @@ from deckline.types import SIDES, Detection, Diagnostic, Diagnostics, Frame, Rea
 Array = NDArray[np.float64]
 CORRELATION_TIME_S = 0.33  # frames so close together err alike, so that they count as one; as in `track.states`
 RAMP_CORRELATION_S = 1.0  # the same of the ramp
-RAMP_EVERY_S = 0.2  # so often the near ends are looked for
+RAMP_EVERY_S = 0.2  # so often the near ends are searched
+SINGLE_FRAME_S = 0.15  # a line that is left out for no longer may be one frame's error
 MIN_STEP_S = 1e-6
 MAX_TURN_RAD_S = 2 * TURN_SIGMA_RAD_S  # of pitch and heading; beyond, something else moves the picture
 
@@ -67,7 +68,9 @@ class TrackMemory:
     seen_s: float  # when lines were last used
     consistent_s: float  # when lines were last used, or none were there to contradict
     has_ramp: bool = False
-    ramp_s: float = -np.inf  # when the near ends were last looked for
+    changed_s: float = -np.inf  # when lines came back that had contradicted the track
+    ramp_s: float = -np.inf  # when the near ends were last searched
+    ramp_seen_s: float = -np.inf  # and used
     agreed_s: float = -np.inf  # time of the last horizon or attitude that agreed
     horizons: int = 0  # that agreed
     excluded_s: dict[Reason, float] = field(default_factory=dict)  # since when a line is left out
@@ -80,6 +83,27 @@ class TrackMemory:
     anchor: Belief | None = None  # at the frame whose horizon is searched, with its lines
     anchor_mount: Mount | None = None  # of that frame's camera
     since: list[Sighting] = field(default_factory=list)  # of the frames after it
+
+
+def note_contradictions(
+    memory: TrackMemory, picture: Picture, lines: dict[str, LineSight], excluded: Diagnostics, weight: float
+) -> None:
+    """Remember which lines contradict the track, and when some came back that had done so for longer than a frame.
+
+    Args:
+        memory: of the track.
+        picture: whose lines passed the gate, or not. A line that it does not show changes nothing.
+        lines: that passed.
+        excluded: the others.
+        weight: of this frame in the share of frames that contradict the track.
+    """
+    time_s, before = picture.frame.time_s, memory.excluded_s
+    if any(time_s - before[Reason(side)] > SINGLE_FRAME_S for side in lines if Reason(side) in before):
+        memory.changed_s = time_s
+    unseen = {reason: since for reason, since in before.items() if str(reason) not in picture.sights}
+    memory.excluded_s = unseen | {d.reason: before.get(d.reason, time_s) for d in excluded}
+    if picture.sights:
+        memory.contradicted += weight * ((not lines) - memory.contradicted)
 
 
 def use_lines(
@@ -122,12 +146,13 @@ def _use_ramp(memory: TrackMemory, picture: Picture, config: RunConfig) -> RampS
     known one is left out. A nearer one is more of the runway: the frame's origin moves there.
     """
     frame, belief, gate = picture.frame, memory.belief, config.tracking.gate_sigma
+    memory.ramp_s = frame.time_s
     ramp = sight_ramp(frame, picture.detection, picture.estimate, belief, config)
     if ramp is None:
         return None
     innovation = ramp_innovation(belief, ramp.ray, ramp.sigma_m, picture.mount)
     farther_m, sigma_m = float(innovation.residuals[0]), np.hypot(belief.sigma(States.DISTANCE), ramp.sigma_m)
-    since_s, memory.ramp_s = frame.time_s - memory.ramp_s, frame.time_s
+    since_s, memory.ramp_seen_s = frame.time_s - memory.ramp_seen_s, frame.time_s
     if not memory.has_ramp or farther_m < -gate * sigma_m:
         memory.belief, memory.has_ramp = start_ramp(belief, ramp, picture.mount), True
         memory.anchor, memory.ramp_fixes = None, []  # counted from another origin

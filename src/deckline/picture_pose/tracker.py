@@ -20,6 +20,7 @@ from deckline.picture_pose.integrity import Evidence, bias_flag, unverified_reas
 from deckline.picture_pose.memory import (
     Picture,
     TrackMemory,
+    note_contradictions,
     select_lines,
     sight_level_horizon,
     start_ramp,
@@ -46,6 +47,7 @@ Array = NDArray[np.float64]
 MIN_HORIZONS = 2  # that agree: one alone may be a cloud's edge
 HORIZON_VALID_S = 3.0  # a horizon that agreed so long ago still confirms the roll
 STEADY_S = 1.0  # without a turn that no aircraft makes
+NEW_FLIGHT_S = 2.0  # a time this far back is another flight, not a late frame; as in `track.tracker`
 UNUSABLE = {Reason.FROZEN}  # flags of a frame whose lines may not update the track
 
 
@@ -103,7 +105,8 @@ class PictureTracker:
         if not self.config.tracking.enabled:
             return self._answer_alone(given, self._sight(frame, detection, estimate, flags))
         if not np.isfinite(frame.time_s) or frame.time_s <= self._time_s:
-            if not frame.time_s <= self._time_s - self.config.tracking.coast_s:
+            if not frame.time_s <= self._time_s - NEW_FLIGHT_S:
+                self._last = None
                 late = Diagnostic(Reason.BAD_TIME, f"the frame's time {frame.time_s:.3f} s is not after the one before")
                 return PictureAnswer(given, estimate, _lost(frame, (late,)))
             self.reset()
@@ -149,7 +152,7 @@ class PictureTracker:
         ramp = sight_ramp(frame, picture.detection, estimate, belief, config)
         if ramp is not None:
             belief = start_ramp(belief, ramp, picture.mount)
-        evidence = Evidence(0.0, level.is_known, ramp is not None, True, 0.0)
+        evidence = Evidence(0.0, level.is_known, ramp is not None, True, 0.0, np.inf)
         doubts = unverified_reasons(belief, evidence, picture.shared, config)
         lines = estimate_of(estimate, belief, ramp is not None, config)
         lines = replace(lines, diagnostics=(*lines.diagnostics, *doubts))
@@ -169,15 +172,17 @@ class PictureTracker:
         step_s = time_s - memory.belief.time_s
         memory.belief = predict(memory.belief, time_s, picture.shared)
         lines, excluded = select_lines(memory.belief, picture.sights, picture.mount, tracking.gate_sigma)
-        weight = -float(np.expm1(-step_s / tracking.reacquire_s))
-        memory.contradicted += weight * (bool(picture.sights and not lines) - memory.contradicted)
-        memory.excluded_s = {d.reason: memory.excluded_s.get(d.reason, time_s) for d in excluded}
+        note_contradictions(memory, picture, lines, excluded, -float(np.expm1(-step_s / tracking.reacquire_s)))
         if lines:
             use_lines(memory, picture, lines, step_s, self.config)
         elif not picture.sights:
             memory.consistent_s = time_s
         elif time_s - memory.consistent_s > tracking.reacquire_s:
-            return (Diagnostic(Reason.RESTARTED, "began anew: the lines contradict the track"), *self._start(picture))
+            began = Diagnostic(Reason.RESTARTED, "began anew: the lines contradict the track")
+            found = self._start(picture)
+            if self._memory is not None:
+                self._memory.changed_s = time_s
+            return (began, *found)
         return ()
 
     def _start(self, picture: Picture) -> Diagnostics:
@@ -210,7 +215,8 @@ class PictureTracker:
         is_recent = time_s - memory.agreed_s <= HORIZON_VALID_S + ANSWER_S
         has_level = is_recent and (memory.horizons >= MIN_HORIZONS or picture.level.attitude is not None)
         is_steady = time_s - memory.turned_s > STEADY_S
-        evidence = Evidence(age_s, has_level, memory.has_ramp, is_steady, memory.contradicted)
+        changed_s = time_s - memory.changed_s
+        evidence = Evidence(age_s, has_level, memory.has_ramp, is_steady, memory.contradicted, changed_s)
         lasting = tuple(
             Diagnostic(reason, f"the {reason} line contradicts the track, for {time_s - since:.1f} s")
             for reason, since in memory.excluded_s.items()

@@ -1,6 +1,7 @@
 """`deckline eval picture`: where the aircraft is by its pictures alone, against truth."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
@@ -12,7 +13,7 @@ from deckline.config import RunConfig
 from deckline.flight import Flight, FrameResult
 from deckline.options import RunOptions
 from deckline.recording import FrameError, open_recording
-from deckline.report.bands import by_band, share
+from deckline.report.bands import by_band
 from deckline.truth import range_to_ramp_m, true_centre, true_guidance
 from deckline.types import Frame, Guidance, Reason, Status, Value
 from deckline_lab.evaluation.tables import MISSING, TO_TERMINAL, Figures, Output, Table, number, publish
@@ -83,32 +84,28 @@ def picture(
 
 def score_recording(
     path: Path, single: bool, knows_width: bool, error: float, options: RunOptions, rng: np.random.Generator
-) -> Iterator[PictureScore]:
+) -> list[PictureScore]:
     """The scores of a recording's frames; see `picture`."""
     source = open_recording(path)
-    flight: Flight | None = None
-    for index in range(len(source)):
-        try:
-            frame = source.load(index)
-        except FrameError:
-            continue
-        if frame.truth is None:
-            raise ValueError(f"{path}: frames without truth; record with deckline sim")
-        if (truth := true_guidance(frame, RunConfig().approach)) is None:
-            continue
-        if flight is None or single:
-            wrong = error * rng.standard_normal(2)
-            true_m = width_of(frame)
-            config = _config(
-                options.run_config(source.base_config), single, true_m if knows_width else None, error, wrong
-            )
-            if flight is not None:
-                flight.close()
-            flight = flight_from_config(config) if flight is None else Flight(config, flight.dehazer, flight.detector)
-        result = flight(without_pose(frame, error, float(wrong[1])))
-        yield score(result, truth, range_to_ramp_m(frame), true_m)
-    if flight is not None:
-        flight.close()
+    base, flight, scores = options.run_config(source.base_config), None, []
+    with ExitStack() as flights:
+        for index in range(len(source)):
+            try:
+                frame = source.load(index)
+            except FrameError:
+                continue
+            if frame.truth is None:
+                raise ValueError(f"{path}: frames without truth; record with deckline sim")
+            if (truth := true_guidance(frame, base.approach)) is None:
+                continue
+            if flight is None or single:
+                wrong, true_m = error * rng.standard_normal(2), width_of(frame)
+                config = _config(base, single, true_m if knows_width else None, error, wrong)
+                flight = Flight(config, flight.dehazer, flight.detector) if flight else flight_from_config(config)
+                flights.enter_context(flight)
+            result = flight(without_pose(frame, error, float(wrong[1])))
+            scores.append(score(result, truth, range_to_ramp_m(frame), true_m))
+    return scores
 
 
 def width_of(frame: Frame) -> float:
@@ -191,12 +188,11 @@ def _error_table(name: str, scores: Sequence[PictureScore]) -> Table:
                 continue
             inside = float((np.abs(found[:, 0]) <= NORMAL_95 * found[:, 1]).mean())
             cells += [number(float(np.percentile(np.abs(found[:, 0]), 90)), ".2f"), f"{100 * inside:.0f} %"]
-        placed = share(members, lambda score: score.status is not None)
-        rows.append((band, str(len(members)), f"{100 * placed:.0f} %", *cells))
+        rows.append((band, str(len(members)), *cells))
     columns = [column for quantity in QUANTITIES for column in (f"{quantity}, 90 %", "in its 95 %")]
     return Table(
         f"{name}: error at 90 % of the frames, and share inside the stated 95 % interval",
-        ("range to the ramp", "frames", "with pose", *columns),
+        ("range to the ramp", "frames", *columns),
         rows,
     )
 
