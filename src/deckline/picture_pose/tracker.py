@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from deckline.config import RunConfig
 from deckline.dehaze.horizon import find_horizon
 from deckline.dehaze.horizon_search import ANSWER_S, HorizonSearch
-from deckline.geometry import Camera
+from deckline.geometry import Camera, camera_mount
 from deckline.picture_pose.answer import estimate_of, in_widths, track_of, with_pose
 from deckline.picture_pose.fit import fit_pose
 from deckline.picture_pose.forecast import PictureForecast
@@ -73,6 +73,8 @@ class PictureTracker:
     def __init__(self, config: RunConfig) -> None:
         self.config = config
         self._search = HorizonSearch(config.tracking.horizon_s)
+        self._mounting = camera_mount()  # whose arrays `_mount` has
+        self._mount = Mount.of(self._mounting)
         self.reset()
 
     def reset(self) -> None:
@@ -127,10 +129,11 @@ class PictureTracker:
         is_usable = not any(flag.reason in UNUSABLE for flag in flags)
         sights = sight_lines(frame.camera, detection, estimate.pixel_lines) if is_usable else {}
         self._shared = shared_sigmas(frame.camera, self.config)
-        mount = Mount.of(frame.body_from_camera)
+        if frame.body_from_camera is not self._mounting:
+            self._mounting, self._mount = frame.body_from_camera, Mount.of(frame.body_from_camera)
         attitude = None if frame.level_from_body is None else frame.level_from_body.as_matrix()
         level = LevelSight(None, attitude, self.config.sensors.attitude_white_rad)
-        return Picture(frame, detection, estimate, sights, self._shared, mount, level, flags)
+        return Picture(frame, detection, estimate, sights, self._shared, self._mount, level, flags)
 
     def forecast(self) -> PictureForecast | None:
         """Predicts where the aircraft is after the last frame; None without a track, and in runway widths."""
