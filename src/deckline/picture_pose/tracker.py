@@ -29,7 +29,7 @@ from deckline.picture_pose.memory import (
 )
 from deckline.picture_pose.model import Mount
 from deckline.picture_pose.ramp import sight_ramp
-from deckline.picture_pose.sights import LevelSight, sight_lines
+from deckline.picture_pose.sights import LevelSight, LineSight, sight_lines
 from deckline.picture_pose.states import USUAL_WIDTH_M, Belief, predict, shared_sigmas
 from deckline.types import (
     SIDES,
@@ -176,17 +176,31 @@ class PictureTracker:
         memory.belief = predict(memory.belief, time_s, picture.shared)
         lines, excluded = select_lines(memory.belief, picture.sights, picture.mount, tracking.gate_sigma)
         note_contradictions(memory, picture, lines, excluded, -float(np.expm1(-step_s / tracking.reacquire_s)))
+        if why := self._contradiction(memory, picture, lines):
+            found = self._start(picture)
+            if self._memory is not None:
+                self._memory.changed_s = time_s
+            return (Diagnostic(Reason.RESTARTED, f"began anew: {why}"), *found)
         if lines:
             use_lines(memory, picture, lines, step_s, self.config)
         elif not picture.sights:
             memory.consistent_s = time_s
-        elif time_s - memory.consistent_s > tracking.reacquire_s:
-            began = Diagnostic(Reason.RESTARTED, "began anew: the lines contradict the track")
-            found = self._start(picture)
-            if self._memory is not None:
-                self._memory.changed_s = time_s
-            return (began, *found)
         return ()
+
+    def _contradiction(self, memory: TrackMemory, picture: Picture, lines: dict[str, LineSight]) -> str:
+        """Why the track cannot go on; empty: it can.
+
+        A line that is left out may be another marking, or the track's own lines were. While it is left out the
+        covariance grows, so that a line as wrong as before passes the gate again: neither can be trusted then.
+        """
+        time_s, limit_s = picture.frame.time_s, self.config.tracking.reacquire_s
+        if memory.changed_s == time_s:
+            return "a line that was left out is back"
+        if len(picture.sights) == len(SIDES) and any(time_s - since > limit_s for since in memory.excluded_s.values()):
+            return "a line contradicts the track for too long"
+        if picture.sights and not lines and time_s - memory.consistent_s > limit_s:
+            return "the lines contradict the track"
+        return ""
 
     def _start(self, picture: Picture) -> Diagnostics:
         """A new track where both lines are seen; returns why there is none."""
