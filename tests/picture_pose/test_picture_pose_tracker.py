@@ -404,3 +404,16 @@ def test_lines_that_come_back_elsewhere_stay_in_doubt(follower, painted_m):
     doubted = [bool(found.track.doubts or found.track.flags) for found in answers]
     assert all(one or other for one, other in zip(unused, doubted, strict=True))
     assert Reason.OTHER_LINES in reasons(answers[-1].track.doubts)
+
+
+def test_a_contradiction_is_remembered_where_no_track_can_begin(follower):
+    """The frame at which the track ends shows one line alone; the track that begins later is in doubt all the same."""
+    follower.follow(FLIGHT, seconds(0.0, 2.0))
+    moved = Runway(painted_m=(12.0, 12.0))
+    follower.follow(FLIGHT, seconds(2.0, 2.9), runway=moved)
+    for time_s in seconds(2.9, 3.4):
+        shown = see(FLIGHT(time_s), moved)
+        follower(frame_at(time_s), replace(shown, left=LinePoints.empty()))
+    answers = follower.follow(FLIGHT, seconds(3.4, 6.5))
+    assert answers[-1].track.age_s > 1.0
+    assert Reason.OTHER_LINES in reasons(answers[-1].track.doubts)

@@ -68,7 +68,6 @@ class TrackMemory:
     seen_s: float  # when lines were last used
     consistent_s: float  # when lines were last used, or none were there to contradict
     has_ramp: bool = False
-    changed_s: float = -np.inf  # when lines came back that had contradicted the track
     ramp_s: float = -np.inf  # when the near ends were last searched
     ramp_seen_s: float = -np.inf  # and used
     agreed_s: float = -np.inf  # time of the last horizon or attitude that agreed
@@ -87,8 +86,8 @@ class TrackMemory:
 
 def note_contradictions(
     memory: TrackMemory, picture: Picture, lines: dict[str, LineSight], excluded: Diagnostics, weight: float
-) -> None:
-    """Remember which lines contradict the track, and when some came back that had done so for longer than a frame.
+) -> bool:
+    """Remember which lines contradict the track; returns whether one is back that had done so for longer than a frame.
 
     Args:
         memory: of the track.
@@ -98,12 +97,11 @@ def note_contradictions(
         weight: of this frame in the share of frames that contradict the track.
     """
     time_s, before = picture.frame.time_s, memory.excluded_s
-    if any(time_s - before[Reason(side)] > SINGLE_FRAME_S for side in lines if Reason(side) in before):
-        memory.changed_s = time_s
     unseen = {reason: since for reason, since in before.items() if str(reason) not in picture.sights}
     memory.excluded_s = unseen | {d.reason: before.get(d.reason, time_s) for d in excluded}
     if picture.sights:
         memory.contradicted += weight * ((not lines) - memory.contradicted)
+    return any(time_s - before[Reason(side)] > SINGLE_FRAME_S for side in lines if Reason(side) in before)
 
 
 def use_lines(

@@ -83,6 +83,7 @@ class PictureTracker:
         self._memory: TrackMemory | None = None
         self._camera: Camera | None = None
         self._time_s = -np.inf
+        self._changed_s = -np.inf  # when a track ended by a contradiction; the tracks after it are in doubt
         self._last: Track | None = None
         self._shared = np.ones(0)
 
@@ -112,7 +113,7 @@ class PictureTracker:
                 late = Diagnostic(Reason.BAD_TIME, f"the frame's time {frame.time_s:.3f} s is not after the one before")
                 return PictureAnswer(given, estimate, _lost(frame, (late,)))
             self.reset()
-        if frame.camera != self._camera and not _is_same(frame.camera, self._camera):
+        if not _is_same(frame.camera, self._camera):
             self.reset()
         self._camera, self._time_s = frame.camera, frame.time_s
         picture = self._sight(frame, detection, estimate, flags)
@@ -175,26 +176,25 @@ class PictureTracker:
         step_s = time_s - memory.belief.time_s
         memory.belief = predict(memory.belief, time_s, picture.shared)
         lines, excluded = select_lines(memory.belief, picture.sights, picture.mount, tracking.gate_sigma)
-        note_contradictions(memory, picture, lines, excluded, -float(np.expm1(-step_s / tracking.reacquire_s)))
-        if why := self._contradiction(memory, picture, lines):
-            found = self._start(picture)
-            if self._memory is not None:
-                self._memory.changed_s = time_s
-            return (Diagnostic(Reason.RESTARTED, f"began anew: {why}"), *found)
+        weight = -float(np.expm1(-step_s / tracking.reacquire_s))
+        is_back = note_contradictions(memory, picture, lines, excluded, weight)
+        if why := self._contradiction(memory, picture, lines, is_back):
+            self._changed_s = time_s
+            return (Diagnostic(Reason.RESTARTED, f"began anew: {why}"), *self._start(picture))
         if lines:
             use_lines(memory, picture, lines, step_s, self.config)
         elif not picture.sights:
             memory.consistent_s = time_s
         return ()
 
-    def _contradiction(self, memory: TrackMemory, picture: Picture, lines: dict[str, LineSight]) -> str:
+    def _contradiction(self, memory: TrackMemory, picture: Picture, lines: dict[str, LineSight], is_back: bool) -> str:
         """Why the track cannot go on; empty: it can.
 
         A line that is left out may be another marking, or the track's own lines were. While it is left out the
         covariance grows, so that a line as wrong as before passes the gate again: neither can be trusted then.
         """
         time_s, limit_s = picture.frame.time_s, self.config.tracking.reacquire_s
-        if memory.changed_s == time_s:
+        if is_back:
             return "a line that was left out is back"
         if len(picture.sights) == len(SIDES) and any(time_s - since > limit_s for since in memory.excluded_s.values()):
             return "a line contradicts the track for too long"
@@ -232,7 +232,7 @@ class PictureTracker:
         is_recent = time_s - memory.agreed_s <= HORIZON_VALID_S + ANSWER_S
         has_level = is_recent and (memory.horizons >= MIN_HORIZONS or picture.level.attitude is not None)
         is_steady = time_s - memory.turned_s > STEADY_S
-        changed_s = time_s - memory.changed_s
+        changed_s = time_s - self._changed_s
         evidence = Evidence(age_s, has_level, memory.has_ramp, is_steady, memory.contradicted, changed_s)
         lasting = tuple(
             Diagnostic(reason, f"the {reason} line contradicts the track, for {time_s - since:.1f} s")
@@ -268,7 +268,7 @@ class PictureTracker:
 
 
 def _is_same(camera: Camera, other: Camera | None) -> bool:
-    return other is not None and vars(camera) == vars(other)
+    return camera is other or (other is not None and vars(camera) == vars(other))
 
 
 def _lost(frame: Frame, diagnostics: Diagnostics) -> Track:
