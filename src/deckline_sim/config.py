@@ -24,11 +24,11 @@ NOT_DRAWN = (
     *("weather", "motion", "flight", "air", "lens", "exposure", "sensor", "navigation"),
     *("fov_deg", "fixed_fov", "range_m", "elevation_deg", "start_m", "end_m"),
 )
-Trajectory = Literal["approach", "profile", "random", "deckless"]
+Trajectory = Literal["approach", "profile", "landing", "random", "deckless"]
 TimeOfDay = Literal["day", "dusk", "night"]
 Sky = Literal["clear", "broken", "overcast"]
 Pointing = Literal["ahead", "runway"]
-FLIGHTS: tuple[Trajectory, ...] = ("approach", "profile")  # whose frames are one flight; the others' are unrelated
+FLIGHTS: tuple[Trajectory, ...] = ("approach", "profile", "landing")  # one flight; other frames are unrelated
 CLEAR: tuple[float, float] = (inf, inf)
 LARGEST_PX = 8192  # of a picture's sides; graphics cards' buffers end at 16384
 FARTHEST_M = 10000.0  # from the ramp; the renderer's far plane lies at 20 km
@@ -277,7 +277,7 @@ class FlightConfig:
     """1-sigma of the gusts to the side and upwards, m/s; 1 is light, 3 severe."""
     pointing: Pointing | None = None
     """Viewing direction. `ahead`: along the aircraft's axis; `runway`: at the touchdown point with a level horizon.
-    None: `runway` for trajectory `profile`, `ahead` for the others."""
+    None: `runway` for trajectories `profile` and `landing`, `ahead` for the others."""
 
     def __post_init__(self) -> None:
         _check_choices(self, pointing=Pointing)
@@ -298,9 +298,10 @@ class SimConfig:
     camera every frame, drawn on a plane; `pad`: a small ship's landing pad, likewise. These two have trajectory
     `random` alone."""
     trajectory: Trajectory = "approach"
-    """`approach`: one final approach; `profile`: the paper's flight from 5 km; `random`: unrelated views around the
-    glide path; `deckless` (preset `train`): views without a runway, in turn open sea or land, other ships, a coast,
-    past a ship, a bare deck."""
+    """`approach`: one final approach; `profile`: the paper's flight from 5 km; `landing`: the same from the holding
+    track at 10 km, frames evenly spaced in the logarithm of the distance; `random`: unrelated views around the glide
+    path; `deckless` (preset `train`): views without a runway, in turn open sea or land, other ships, a coast, past a
+    ship, a bare deck."""
     frames: int = 100
     """Number of frames."""
     visibility_m: tuple[float, float] = CLEAR
@@ -330,9 +331,9 @@ class SimConfig:
     fixed_fov: bool = False
     """`fov_deg` also for the random views of preset `train`."""
     start_m: float = 800.0
-    """Distance to the ramp where an approach begins, m, up to 10 km; the profile begins at 5 km."""
+    """Distance to the ramp where an approach begins, m, up to 10 km; `profile` and `landing` begin at their own."""
     end_m: float = 12.0
-    """Distance to the ramp where an approach or the profile ends, m."""
+    """Distance to the ramp where a flight ends, m."""
     frames_per_ship: int = 4
     """Random views that share a ship, its paint and the sun's direction."""
     weather: WeatherConfig = field(default_factory=WeatherConfig)

@@ -61,6 +61,15 @@ def test_frames_are_half_random_views_and_half_flights_of_their_own_seed():
     assert max(config.seed for config, _ in many) < 100
 
 
+def test_landings_are_the_papers_flight_again_and_again():
+    items = dataset_items(DatasetConfig(views="landing"))
+    recordings = list({id(config): config for config, _ in items}.values())
+    assert len(items) == 600 and {config.trajectory for config in recordings} == {"landing"}
+    assert [(config.seed, config.frames) for config in recordings] == [(k, 25) for k in range(1, 25)]
+    with pytest.raises(ValueError, match="views"):
+        DatasetConfig(views="random")
+
+
 def test_what_is_written_is_as_the_manifest_counts(dataset):
     manifest = json.loads((dataset / "manifest.json").read_text())
     assert manifest["counts"] == {"train": {"frames": 8, "tiles": 64}, "test": {"frames": 4, "tiles": 32}}

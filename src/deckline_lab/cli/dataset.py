@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Literal
 
 import tyro
 
@@ -11,7 +12,7 @@ from deckline_sim.record import parse_visibility, visibility_text
 
 DATASET_HELP = """\
 examples:
-  deckline dataset data --one-scene --jobs 0
+  deckline dataset data --views landing --one-scene --jobs 0
   deckline dataset data --check
 
 Render the paper's dataset: 600 clear and hazy pairs with depth, 421 for training and 179 for testing, in tiles.
@@ -34,6 +35,8 @@ class DatasetFlags:
     height: int = DatasetConfig.height  # of the images, px
     fov_deg: float = DatasetConfig.fov_deg  # horizontal field of view
     depth_range_m: float = DatasetConfig.depth_range_m  # reach of the depth camera
+    # mixed: half random views, half flights; landing: the paper's flight from its holding track, again and again
+    views: Literal["mixed", "landing"] = DatasetConfig.views
     one_scene: bool = DatasetConfig.one_scene  # the same light, sky and sea in every frame
     tiles: bool = DatasetConfig.tiles  # also cut every image into 8 overlapping squares
     tile_px: int = DatasetConfig.tile_px  # their side

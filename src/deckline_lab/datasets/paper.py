@@ -16,7 +16,7 @@ from importlib.metadata import version
 from io import BytesIO
 from math import inf
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,7 @@ from deckline.recording.images import encode_image
 from deckline.recording.writer import EncodedFrame, encode_frame
 from deckline.runtime import sha256_of
 from deckline.types import Frame
-from deckline_sim.config import FLIGHTS, DepthConfig, SimConfig, WeatherConfig
+from deckline_sim.config import DepthConfig, SimConfig, Trajectory, WeatherConfig
 from deckline_sim.processes import map_ordered
 from deckline_sim.record import Item, json_values, map_frames, show_progress, visibility_text
 from deckline_sim.scene.gl import open_context
@@ -45,7 +45,8 @@ SPLITS = ("train", "test")
 COLUMNS, ROWS = 4, 2  # tiles of an image: 8, as in the paper
 FLIGHT_FRAMES = 25  # of one flight; each has its own weather and visibility
 FLIGHT_GAP_S = 3600.0  # between the starts of two flights, so that a recording's time never runs back
-RANDOM_SHARE = 0.5  # of the frames: unrelated views around the glide path; the others are from flights
+RANDOM_SHARE = 0.5  # of mixed frames: unrelated views around the glide path; the others are from flights
+FLOWN: dict[str, tuple[Trajectory, ...]] = {"mixed": ("approach", "profile"), "landing": ("landing",)}
 SEEDS = 100  # simulator seeds that one dataset may use: seed * SEEDS and following
 
 
@@ -62,6 +63,8 @@ class DatasetConfig:
     height: int = 720
     fov_deg: float = 90.0  # horizontal field of view
     depth_range_m: float = inf  # reach of the depth camera; inf records depth everywhere, as training a dehazer needs
+    # mixed: random views and flights in turn; landing: the paper's flight from its holding track, again and again
+    views: Literal["mixed", "landing"] = "mixed"
     one_scene: bool = False  # the same light, sky and sea everywhere; else drawn anew for each flight and random view
     tiles: bool = True  # also cut every image into 8 overlapping squares
     tile_px: int = 512  # their side
@@ -70,6 +73,8 @@ class DatasetConfig:
         if not 0 < self.test < self.frames:
             raise ValueError(f"test must lie between 1 and frames - 1 = {self.frames - 1}, got {self.test}")
         check_numbers(self, "", "seed", least=0)
+        if self.views not in FLOWN:
+            raise ValueError(f"views must be one of {', '.join(FLOWN)}, got {self.views!r}")
         if not 0 < self.visibility_m[0] <= self.visibility_m[1] < inf:
             raise ValueError(f"visibility_m must be 0 < low <= high < inf, got {self.visibility_m}")
         if self.tiles and not 1 <= self.tile_px <= min(self.width, self.height):
@@ -116,7 +121,7 @@ def _render(config: DatasetConfig, writers: dict[str, RecordingWriter], left: li
 
 
 def dataset_items(config: DatasetConfig) -> list[Item]:
-    """The dataset's frames in order: random views first, then flights of the trajectories that there are."""
+    """The dataset's frames in order: random views first, where there are any, then flights."""
     base = SimConfig(
         preset="paper",
         trajectory="random",
@@ -129,14 +134,14 @@ def dataset_items(config: DatasetConfig) -> list[Item]:
         depth=DepthConfig(range_m=config.depth_range_m),
         weather=WeatherConfig(seed=config.seed if config.one_scene else None),
     )
-    recordings = [base]
-    left = config.frames - base.frames
+    recordings = [base] if config.views == "mixed" else []
+    left = config.frames - sum(recording.frames for recording in recordings)
     length = max(FLIGHT_FRAMES, -(-left // (SEEDS - 1)))
-    while left > 0:
-        k = len(recordings)
-        frames, kind = min(length, left), FLIGHTS[(k - 1) % len(FLIGHTS)]
-        recordings.append(replace(base, trajectory=kind, frames=frames, seed=base.seed + k))
-        left -= frames
+    for k in range(1, SEEDS):
+        if left > 0:
+            frames, flown = min(length, left), FLOWN[config.views]
+            recordings.append(replace(base, trajectory=flown[(k - 1) % len(flown)], frames=frames, seed=base.seed + k))
+            left -= frames
     return [(recording, index) for recording in recordings for index in range(recording.frames)]
 
 

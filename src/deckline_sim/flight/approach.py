@@ -28,6 +28,8 @@ from deckline_sim.ship.layout import Layout
 # deck. Our reading: heights above the deck; it enters at 400 m and reaches 300 m at 4 km; the last glide ends at the
 # touchdown point, which makes it 3.95 degrees.
 PROFILE_M = ((5000.0, 400.0), (4000.0, 300.0), (800.0, 60.0), (-TOUCHDOWN_M, 0.0))  # distance to the ramp, height
+HOLDING_M = (10000.0, PROFILE_M[0][1])  # of the paper's holding track; our reading of its height
+PAPERS_M = {"profile": PROFILE_M, "landing": (HOLDING_M, *PROFILE_M)}  # by trajectory
 STEP_S = 0.01  # half the step over which velocities are taken
 DEVIATION_M = (6.0, 2.0)  # how far a flown path strays to the side and in height
 SHAKE_RAD = np.deg2rad([1.5, 0.5, 0.5])  # of roll, pitch and yaw
@@ -76,10 +78,11 @@ class ApproachPath:
 
 
 def approach_view(config: SimConfig, layout: Layout, index: int, motion: ShipMotion = STILL) -> Viewpoint:
-    """Frame `index` of a final approach or of the paper's profile from 5 km, frames equally spaced in time.
+    """Frame `index` of a final approach or of the paper's flight.
 
-    The profile starts at 5 km whatever `start_m` is. The paper's flight out to 10 km and back, without a deck in view,
-    is left out.
+    Frames are equally spaced in time, those of a `landing` in the logarithm of the distance to the ramp: most of a
+    flight from 10 km is far away. `profile` and `landing` start at 5 and 10 km whatever `start_m` is; the flight out is
+    left out.
 
     Args:
         layout: the ship as it lies at time 0.
@@ -88,7 +91,10 @@ def approach_view(config: SimConfig, layout: Layout, index: int, motion: ShipMot
         ValueError: wind or ship too fast for the aircraft, or a flight that ends before it begins.
     """
     path = flight_path(config, layout, motion)
-    time_s = path.duration_s * index / max(config.frames - 1, 1)
+    part = index / max(config.frames - 1, 1)
+    if config.trajectory == "landing":
+        part = (path.start_m - path.start_m * (path.end_m / path.start_m) ** part) / (path.start_m - path.end_m)
+    time_s = path.duration_s * part
     camera = Camera.from_fov(config.width, config.height, np.deg2rad(config.fov_deg))
     (body, mount), before, after = (pose_at(path, time_s + step) for step in (0.0, -STEP_S, STEP_S))
     turned = (before[0] * before[1]).rotation.inv() * (after[0] * after[1]).rotation
@@ -104,27 +110,28 @@ def approach_view(config: SimConfig, layout: Layout, index: int, motion: ShipMot
 
 def flight_path(config: SimConfig, layout: Layout, motion: ShipMotion) -> ApproachPath:
     """The flight of a recording, all random choices made; errors as for `approach_view`."""
-    is_profile, slope = config.trajectory == "profile", np.tan(np.deg2rad(config.flight.glideslope_deg))
-    touchdown_m = TOUCHDOWN_M if is_profile else config.flight.touchdown_m
-    pointing: Pointing = config.flight.pointing or ("runway" if is_profile else "ahead")
-    start_m = PROFILE_M[0][0] if is_profile else config.start_m
+    points_m, slope = PAPERS_M.get(config.trajectory), np.tan(np.deg2rad(config.flight.glideslope_deg))
+    touchdown_m = config.flight.touchdown_m if points_m is None else TOUCHDOWN_M
+    pointing: Pointing = config.flight.pointing or ("ahead" if points_m is None else "runway")
+    start_m = config.start_m if points_m is None else points_m[0][0]
     if not config.end_m < start_m:
         raise ValueError(f"trajectory {config.trajectory} begins at {start_m:g} m, got end_m {config.end_m:g}")
     flight = draw_flight(config.flight, config.preset == "train", np.random.default_rng([config.seed, 5]))
     along = landing_direction(layout)
     wind = -flight.headwind_m_s * along - flight.crosswind_m_s * np.array([-along[1], along[0]])
     closing = closing_speed(along, steady_velocity(layout, motion)[:2], wind, flight.speed_m_s)
-    height_m = profile_height() if is_profile else lambda range_m: (range_m + touchdown_m) * slope
+    height_m = (lambda range_m: (range_m + touchdown_m) * slope) if points_m is None else profile_height(points_m)
     return ApproachPath(
         layout, motion, flight, pointing, config.seed, start_m, config.end_m, height_m, closing, wind, touchdown_m
     )
 
 
-def profile_height() -> Callable[[float], float]:
-    """Height, m, at a distance to the ramp: through the profile's points, straight after the third, without a kink."""
-    points = np.array(PROFILE_M)
+def profile_height(points_m: tuple[tuple[float, float], ...] = PROFILE_M) -> Callable[[float], float]:
+    """Height, m, at a distance to the ramp: through a flight's points, without a kink, straight to the last one."""
+    points = np.array(points_m)
     slopes = np.diff(points[:, 1]) / np.diff(points[:, 0])
-    at_points = [slopes[0], (slopes[0] + slopes[1]) / 2, slopes[2], slopes[2]]
+    between = np.where(slopes[:-1] == 0, 0.0, (slopes[:-1] + slopes[1:]) / 2)  # a level track stays level
+    at_points = np.array([slopes[0], *between[:-1], slopes[-1], slopes[-1]])
     return CubicHermiteSpline(points[::-1, 0], points[::-1, 1], at_points[::-1])
 
 

@@ -129,6 +129,14 @@ def test_profile_passes_the_papers_points():
     assert np.linalg.norm(np.diff(velocity, axis=0), axis=1).max() / step_s < 0.5 * 9.81  # no kinks
 
 
+def test_a_landing_comes_from_the_holding_track_with_most_frames_near_the_deck():
+    layout, config = PAPER_SHIP, replace(PROFILE, trajectory="landing", frames=40)
+    ranges, _, height = over_deck(layout, [approach_view(config, layout, k) for k in range(40)])
+    np.testing.assert_allclose(ranges[1:] / ranges[:-1], (12.0 / 10000.0) ** (1 / 39), rtol=1e-6)
+    np.testing.assert_allclose(height[ranges > 5000], 400.0, atol=5.0)  # flown about the path
+    assert abs(np.interp(-800.0, -ranges, height) - 60.0) < 4.0
+
+
 def test_a_flight_that_ends_before_it_begins_is_refused():
     config = SimConfig(trajectory="profile", start_m=9000.0, end_m=6000.0)
     with pytest.raises(ValueError, match=r"profile .*5000 .*end_m 6000"):
