@@ -44,6 +44,7 @@ PACKAGES = ("numpy", "scipy", "opencv-python-headless", "moderngl")
 SPLITS = ("train", "test")
 COLUMNS, ROWS = 4, 2  # tiles of an image: 8, as in the paper
 FLIGHT_FRAMES = 25  # of one flight; each has its own weather and visibility
+LANDING_ENDS_M = (12.0, 16.0)  # distance to the ramp; drawn, so that no two landings have frames at the same distances
 FLIGHT_GAP_S = 3600.0  # between the starts of two flights, so that a recording's time never runs back
 RANDOM_SHARE = 0.5  # of mixed frames: unrelated views around the glide path; the others are from flights
 FLOWN: dict[str, tuple[Trajectory, ...]] = {"mixed": ("approach", "profile"), "landing": ("landing",)}
@@ -137,10 +138,14 @@ def dataset_items(config: DatasetConfig) -> list[Item]:
     recordings = [base] if config.views == "mixed" else []
     left = config.frames - sum(recording.frames for recording in recordings)
     length = max(FLIGHT_FRAMES, -(-left // (SEEDS - 1)))
+    ends_m = np.random.default_rng([config.seed, 6]).uniform(*LANDING_ENDS_M, SEEDS)
     for k in range(1, SEEDS):
         if left > 0:
-            frames, flown = min(length, left), FLOWN[config.views]
-            recordings.append(replace(base, trajectory=flown[(k - 1) % len(flown)], frames=frames, seed=base.seed + k))
+            kind, end_m = FLOWN[config.views][(k - 1) % len(FLOWN[config.views])], base.end_m
+            if kind == "landing":
+                end_m = float(ends_m[k])
+            frames = min(length, left)
+            recordings.append(replace(base, trajectory=kind, frames=frames, seed=base.seed + k, end_m=end_m))
             left -= frames
     return [(recording, index) for recording in recordings for index in range(recording.frames)]
 
