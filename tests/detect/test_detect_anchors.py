@@ -111,16 +111,16 @@ def test_shares_are_the_cells_means() -> None:
     p[0:2, 4:6] = 0.6
     logits = np.log(np.stack([1 - p, p])).astype(np.float32)
     shares = np.exp(rows_from_map(logits, np.array([50.0], np.float32), SMALL))[0]
-    expected = 0.6 * np.array([0.225, 0, 0.6, 0]) / 0.825
-    np.testing.assert_allclose(shares[0], [*expected, 0.4], atol=1e-6)
+    np.testing.assert_allclose(shares[0], np.array([0.225, 0, 0.6, 0, 0]) / 0.825, atol=1e-6)
     np.testing.assert_allclose(shares[1], [0, 0, 0, 0, 1], atol=1e-6)
 
 
-def test_a_line_that_is_not_there_is_on_no_row() -> None:
-    logits = np.zeros((3, 4, 8), np.float32)
-    shares = np.exp(rows_from_map(logits, np.array([0.0, -30.0], np.float32), SMALL))
-    np.testing.assert_allclose(shares[0, :, -1], 1 - 1 / 3 * 0.5, atol=1e-6)
-    np.testing.assert_allclose(shares[1, :, -1], 1.0, atol=1e-6)
+def test_a_line_is_on_the_rows_where_it_exceeds_the_published_thresholds() -> None:
+    p = np.full((2, 4, 8), 0.01)
+    p[:, 0:2], p[:, 2:4] = 0.32, 0.28  # the first row of anchors and the second
+    logits = np.log(np.concatenate([1 - p.sum(axis=0, keepdims=True), p])).astype(np.float32)
+    shares = np.exp(rows_from_map(logits, np.array([0.1, -0.1], np.float32), SMALL))
+    np.testing.assert_allclose(shares[:, :, -1], [[0, 1], [1, 1]], atol=1e-6)
 
 
 @settings(deadline=None)

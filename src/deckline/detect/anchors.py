@@ -25,6 +25,10 @@ EDGE_OUTPUTS = (*HYBRID_OUTPUTS, "edge_logits")  # and what the edge lines are
 MAP_OUTPUTS = ("map_logits", "line_logits", "region_logits", "region_box")  # a class for every pixel
 KNOWN_OUTPUTS = (ROW_OUTPUTS, HYBRID_OUTPUTS, EDGE_OUTPUTS, MAP_OUTPUTS)
 EDGES = tuple(EdgeKind)  # classes of the edge, in their order
+MAP_PEAK, MAP_EXISTENCE = (
+    0.3,
+    0.5,
+)  # that a line of a map must exceed, in a row and as a whole; published (CULane)
 SMALLEST_SHARE = 1e-9  # of a row, so that logarithms are finite
 STRIDE = 16  # px of the network's image per region cell
 SIZE_PX = 64.0  # px; a box of that size has log size 0
@@ -184,7 +188,7 @@ def decode(logits: Float32, grid: RowGrid, config: DecodeConfig | None = None) -
 def rows_from_map(map_logits: Float32, line_logits: Float32, grid: RowGrid) -> Float32:
     """Class logits (lines, rows, cells + 1) of row anchors from a map of every pixel's line.
 
-    A row has the line with the probability of its most certain cell times that of the whole line; it lies among the
+    A row has the line where its most certain cell and the whole line exceed the published thresholds; it lies among the
     cells in proportion to their probabilities.
 
     Args:
@@ -205,7 +209,8 @@ def rows_from_map(map_logits: Float32, line_logits: Float32, grid: RowGrid) -> F
     pixels = np.exp(values - values.max(axis=0))
     pixels = (pixels / pixels.sum(axis=0))[1:]
     cells = pixels.reshape(-1, grid.rows, height // grid.rows, grid.cells, width // grid.cells).mean(axis=(2, 4))
-    present = cells.max(axis=2) / (1 + np.exp(-line_logits.astype(np.float64)))[:, None]
+    there = 1 / (1 + np.exp(-line_logits.astype(np.float64))) > MAP_EXISTENCE
+    present = (cells.max(axis=2) > MAP_PEAK) & there[:, None]
     shares = present[..., None] * cells / np.maximum(cells.sum(axis=2, keepdims=True), SMALLEST_SHARE)
     classes_of_rows = np.concatenate([shares, 1 - present[..., None]], axis=2)
     return np.log(np.maximum(classes_of_rows, SMALLEST_SHARE)).astype(np.float32)

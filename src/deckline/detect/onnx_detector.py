@@ -15,20 +15,14 @@ from deckline.detect.search import Search, detect_lines
 from deckline.runtime.session import load_session
 from deckline.types import Detection
 
-# Networks of row anchors alone are trained with a focal loss, so that their confidences are no probabilities. With
-# these thresholds `ufld` gives a point in 0.45 % of 888 views without a runway, and both lines on 74 % of 174 decks.
-ROWS_ALONE = DetectConfig(
-    min_confidence=0.4, min_probability=0.6, min_lone_probability=0.9, min_close_probability=1.1, places=1, tiles=0
-)
-
 
 class OnnxDetector(SearchingDetector):
     """Finds the two runway lines with an exported row-anchor, row-and-column-anchor or line-map network.
 
     Args:
-        path: the .onnx file; its metadata hold the network's row grid and, unless it is the default, the decoding.
-        config: thresholds and crops, those of the kind of network by default. The file's grid and decoding, where it
-            has them, replace the config's.
+        path: the .onnx file; its metadata hold the network's row grid and, unless they are the defaults, how its rows
+            are decoded and how it searches.
+        config: thresholds and crops in place of the file's; its grid and decoding are the file's.
         engine: what computes the network.
 
     Raises:
@@ -42,12 +36,12 @@ class OnnxDetector(SearchingDetector):
         if all(set(outputs) != set(names) for names in KNOWN_OUTPUTS):
             expected = ", ".join(ROW_OUTPUTS)
             raise ValueError(f"{path}: no row-anchor detector (its outputs are {', '.join(outputs)}, not {expected})")
-        config = config or (DetectConfig() if "column_logits" in outputs else ROWS_ALONE)
         try:
-            decode = DecodeConfig(**stored["decode"]) if "decode" in stored else config.decode
-            self.config = replace(config, grid=RowGrid(**stored["grid"]), decode=decode)
+            grid, decode = RowGrid(**stored["grid"]), DecodeConfig(**stored.get("decode", {}))
+            search = DetectConfig(**stored.get("search", {})) if config is None else config
+            self.config = replace(search, grid=grid, decode=decode)
         except (KeyError, TypeError) as error:
-            raise ValueError(f"{path}: its metadata have no usable grid or decoding: {error}") from error
+            raise ValueError(f"{path}: its metadata have no usable grid, decoding or search: {error}") from error
 
     def __call__(self, image_rgb: NDArray[np.uint8], prior_box: Box | None = None) -> Detection:
         return detect_lines(image_rgb, self.infer, self.config, prior_box)

@@ -39,7 +39,8 @@ class DetectTrainConfig(Recipe):
     """Recipe; its defaults are made for an hour of two CPU cores."""
 
     network: str = "hybrid"  # a shipped one, or one to compare it with
-    shape: PyramidConfig = field(default_factory=PyramidConfig)  # of the shipped ones; the others' are fixed
+    # of ours; compared ones take the size of its view, and their backbone's first weights and what of it is trained
+    shape: PyramidConfig = field(default_factory=PyramidConfig)
     backbone_lr: float = 0.3  # relative to the heads'
     augment: DetectAugmentation = field(default_factory=DetectAugmentation)
     losses: LossWeights = field(default_factory=LossWeights)
@@ -125,8 +126,10 @@ def _optimizer(config: DetectTrainConfig, model: LineNetwork) -> torch.optim.Opt
         [p for name, p in model.named_parameters() if p.requires_grad and name.startswith("backbone.") == of_backbone]
         for of_backbone in (True, False)
     )
-    groups: list[dict[str, Any]] = [{"params": backbone, loop.RATE: config.backbone_lr}, {"params": rest}]
-    return torch.optim.AdamW(groups, config.lr, weight_decay=config.weight_decay)
+    groups: list[dict[str, Any]] = [{"params": rest}]
+    if backbone:
+        groups.insert(0, {"params": backbone, loop.RATE: config.backbone_lr})
+    return torch.optim.AdamW(groups, config.lr, weight_decay=config.weight_decay, fused=True)
 
 
 def validate(model: LineNetwork, views: Views[LineView], augment: DetectAugmentation, seed: int) -> dict[str, float]:
@@ -136,7 +139,7 @@ def validate(model: LineNetwork, views: Views[LineView], augment: DetectAugmenta
     """
     was_training = model.training
     model.eval()
-    infer, config = torch_infer(model), DetectConfig(grid=model.kind.grid, decode=model.kind.decode)
+    infer, config = torch_infer(model), model.kind.search
     chosen = views.spread(VALIDATION_VIEWS)
     figures: dict[str, float] = {"views": float(len(chosen))}
     for name, depths in DEPTHS.items():
@@ -229,13 +232,15 @@ class _Exported(torch.nn.Module):
 
 
 def export_detect(model: LineNetwork, path: Path, recipe: dict[str, Any], step: int) -> Path:
-    """Write the network as ONNX for one view at a time; recipe, grid, decoding and cost go into the metadata."""
-    grid, decode = model.kind.grid, model.kind.decode
+    """Write the network as ONNX for one view at a time; recipe, grid, search and cost go into the metadata."""
+    grid, search = model.kind.grid, model.kind.search
     exported = _Exported(model).train(model.training)
     cost = {"parameters": runtime_parameters(model), "macs": network_cost(exported, (grid.height, grid.width)).macs}
     metadata = {"kind": "detect", "grid": asdict(grid), **cost, "recipe": recipe, "step": step}
-    if decode != DecodeConfig():
-        metadata["decode"] = asdict(decode)
+    if search.decode != DecodeConfig():
+        metadata["decode"] = asdict(search.decode)
+    default = DetectConfig(grid, search.decode)
+    metadata["search"] = {name: value for name, value in vars(search).items() if value != getattr(default, name)}
     args = (torch.zeros(1, 3, grid.height, grid.width, device=next(model.parameters()).device),)
     return export_onnx(exported, args, path, ["image"], list(model.kind.output_names), None, metadata)
 

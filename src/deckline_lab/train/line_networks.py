@@ -18,12 +18,23 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from deckline.detect.anchors import EDGE_OUTPUTS, EDGES, ROW_OUTPUTS, STRIDE, DecodeConfig, RowGrid
+from deckline.detect.coarse_to_fine import DetectConfig
 from deckline_lab.train import detect_losses
 from deckline_lab.train.backbone import CHANNELS, Lite0Backbone, conv_norm, separable
 from deckline_lab.train.detect_losses import DetectTargets, HybridOutput, Losses, LossWeights, UfldOutput
 
 LINES = 2  # left and right
 ALL_LINES = 3  # the centre line too
+# The search of a network whose focal loss leaves confidences that are no probabilities. With these thresholds `ufld`
+# gives a point in 0.45 % of 888 views without a runway, and both lines on 74 % of 174 decks.
+FOCAL_SEARCH: dict[str, Any] = {
+    "min_confidence": 0.4,
+    "min_probability": 0.6,
+    "min_lone_probability": 0.9,
+    "min_close_probability": 1.1,
+    "places": 1,
+    "tiles": 0,
+}
 CELL_PX = 4  # of an anchor's cell and between anchors: the pyramid's finest stride
 
 
@@ -31,11 +42,15 @@ CELL_PX = 4  # of an anchor's cell and between anchors: the pyramid's finest str
 class NetworkKind:
     """What a network takes, how it is taught and how it is read."""
 
-    grid: RowGrid = field(default_factory=RowGrid)  # of the points that are decoded
+    search: DetectConfig = field(default_factory=DetectConfig)  # grid, decoding, crops, what counts as seen
     target_grid: RowGrid = field(default_factory=RowGrid)  # of the row anchors that the truth comes in
     output_names: tuple[str, ...] = ROW_OUTPUTS  # of the exported graph
-    decode: DecodeConfig = field(default_factory=DecodeConfig)
     lines: int = LINES
+
+    @property
+    def grid(self) -> RowGrid:
+        """Of the points that are decoded."""
+        return self.search.grid
 
 
 class LineNetwork(nn.Module):
@@ -102,7 +117,7 @@ class Ufld(PyramidNetwork):
 
     def __init__(self, config: PyramidConfig | None = None) -> None:
         super().__init__(config)
-        self.kind = NetworkKind(self.config.grid, self.config.grid)
+        self.kind = NetworkKind(DetectConfig(self.config.grid, **FOCAL_SEARCH), self.config.grid)
         width = self.config.channels
         self.rows = RowHead(width)
         self.region = RegionHead(width)
@@ -124,10 +139,9 @@ class Hybrid(PyramidNetwork):
         super().__init__(config)
         grid, width = self.config.grid, self.config.channels
         self.kind = NetworkKind(
-            grid=grid,
+            DetectConfig(grid, DecodeConfig(min_line_share=0.5)),
             target_grid=RowGrid(grid.width, grid.height, grid.width, grid.height),  # anchors one pixel apart
             output_names=EDGE_OUTPUTS,
-            decode=DecodeConfig(min_line_share=0.5),
             lines=ALL_LINES,
         )
         self.anchors = nn.Sequential(separable(width, width, 5), separable(width, width, 5))

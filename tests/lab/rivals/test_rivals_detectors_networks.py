@@ -8,11 +8,14 @@ import torch.nn.functional as F
 from deckline.detect.anchors import decode, rows_from_map
 from deckline_lab.rivals.detectors import parts
 from deckline_lab.rivals.detectors.enet_sad import EnetSad, unpool
-from deckline_lab.rivals.detectors.parts import MAP_KIND, MapOutput
-from deckline_lab.rivals.detectors.resa import GAIN, ROUNDS, FeatureShift
-from deckline_lab.rivals.detectors.sad import DISTIL_FROM, attention, distillation_loss
+from deckline_lab.rivals.detectors.parts import MapOutput, map_kind
+from deckline_lab.rivals.detectors.resa import GAIN, ROUNDS, FeatureShift, Resa
+from deckline_lab.rivals.detectors.sad import DISTIL_FROM, Sad, attention, distillation_loss
+from deckline_lab.rivals.detectors.ufld_published import focal_loss
 from deckline_lab.train.detect_losses import DetectTargets, LossWeights
 from deckline_lab.train.line_targets import encode_region
+
+TRUNK = parts.Trunk((128, 32), pretrained=False)
 
 
 def one_tap(module: FeatureShift) -> None:
@@ -76,11 +79,23 @@ def test_distillation_comes_in_late() -> None:
 
 
 def test_overlap_is_one_minus_intersection_over_union() -> None:
-    label = torch.zeros(1, 2, 4, dtype=torch.long)
-    label[0, :, 0] = 1
-    logits = torch.full((1, 3, 2, 4), -20.0)
-    logits[0, 0], logits[0, 1, :, :2] = 0.0, 20.0  # twice as wide as the stripe; the second line is not there
-    assert parts.overlap_loss(logits, label).item() == pytest.approx(0.5, abs=1e-6)
+    stripes, shares = torch.zeros(1, 2, 2, 4), torch.zeros(1, 2, 2, 4)
+    stripes[0, 0, :, 0], shares[0, 0, :, :2] = 1.0, 1.0  # twice as wide as the stripe; the second line is not there
+    assert parts.overlap_loss(shares, stripes).item() == pytest.approx(0.5, abs=1e-6)
+
+
+def test_dice_is_twice_the_overlap_over_both_squares() -> None:
+    stripes, shares = torch.zeros(2, 2, 2, 4), torch.zeros(2, 2, 2, 4)
+    stripes[0, 0, :, 0], shares[0, 0, :, :2] = 1.0, 1.0
+    stripes[1, 1, :, 1], shares[1, 1, :, 1] = 1.0, 1.0
+    assert parts.dice_loss(shares, stripes).item() == pytest.approx((1 - 4 / 6) / 2, abs=1e-3)
+
+
+def test_focal_loss_is_its_formula_and_leaves_out_no_row() -> None:
+    logits = torch.log(torch.tensor([[[[0.7, 0.2, 0.1], [0.1, 0.3, 0.6]]]]))
+    cell = torch.tensor([[[0.2, float("nan")]]])  # the first cell; no line
+    expected = -(0.3**2 * np.log(0.7) + 0.4**2 * np.log(0.6)) / 2
+    assert focal_loss(logits, cell).item() == pytest.approx(expected, rel=1e-5)
 
 
 def test_a_perfect_answer_costs_nothing_and_a_wrong_one_does() -> None:
@@ -89,27 +104,30 @@ def test_a_perfect_answer_costs_nothing_and_a_wrong_one_does() -> None:
     logits = 40.0 * torch.nn.functional.one_hot(label, 3).permute(0, 3, 1, 2).float()
     lines = torch.tensor([[40.0, 40.0], [-40.0, -40.0]])
     region = torch.log(targets.region + 1e-12)
-    right, losses = parts.map_loss(MapOutput(logits, lines, region, targets.box), targets, LossWeights())
-    assert [losses[name].item() for name in ("map", "existence", "box")] == pytest.approx([0] * 3, abs=1e-6)
-    swapped = MapOutput(logits[:, [0, 2, 1]], lines, region, targets.box)  # left for right
-    assert parts.map_loss(swapped, targets, LossWeights())[0].item() > right.item() + 1
+    for model, name in ((Sad(TRUNK), "map"), (Resa(TRUNK), "dice")):
+        right, losses = model.loss(MapOutput(logits, lines, region, targets.box), targets, LossWeights(), 0.0)
+        assert [losses["existence"], losses["box"]] == pytest.approx([0] * 2, abs=1e-6)
+        assert losses[name] == pytest.approx(0.5 if name == "dice" else 0, abs=1e-3)  # of an empty view nothing is left
+        swapped = MapOutput(logits[:, [0, 2, 1]], lines, region, targets.box)  # left for right
+        assert model.loss(swapped, targets, LossWeights(), 0.0)[0].item() > right.item() + 0.5
 
 
 def test_what_is_taught_is_what_is_decoded() -> None:
     """A network that paints exactly as taught gives the line to a tenth of a pixel, with high confidence."""
-    grid = MAP_KIND.grid
+    search = map_kind((512, 288)).search
+    grid = search.grid
     y = np.arange(grid.height)
     x = np.stack([100.3 + 0.21 * y, 400.8 - 0.37 * y])
     label = parts.paint_stripes(torch.from_numpy(x[None]).float(), grid.width)[0].numpy()
     logits = 12.0 * (label[None] == np.arange(3)[:, None, None])
     rows = rows_from_map(logits.astype(np.float32), np.array([9.0, -9.0], np.float32), grid)
-    found = decode(rows[0], grid, MAP_KIND.decode)
+    found = decode(rows[0], grid, search.decode)
     expected = np.interp(grid.row_y, y, x[0])
     assert np.abs(found.x_px - expected).max() < 0.35  # a painted edge falls on whole pixels
     assert np.abs(found.x_px - expected).mean() < 0.1
     assert found.confidence.min() > 0.99
     assert found.sigma_px.max() < 2.0
-    assert np.isnan(decode(rows[1], grid, MAP_KIND.decode).x_px).all()  # painted, but absent by the existence branch
+    assert np.isnan(decode(rows[1], grid, search.decode).x_px).all()  # painted, but absent by the existence branch
 
 
 def painted_batch(width: int, height: int) -> tuple[torch.Tensor, DetectTargets]:

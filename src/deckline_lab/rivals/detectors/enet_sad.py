@@ -1,7 +1,7 @@
 """ENet that paints the lines and distils its own attention (`sad`).
 
 Sources: Paszke, Chaurasia, Kim and Culurciello, "ENet", 2016; Hou, Ma, Liu and Loy, "Learning Lightweight Lane
-Detection CNNs by Self Attention Distillation", 2019. Ours are the region branch (`parts`) and the view of 512x288 px.
+Detection CNNs by Self Attention Distillation", 2019. Ours are the region branch (`parts`) and the size of the view.
 """
 
 import torch
@@ -9,7 +9,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from deckline_lab.rivals.detectors import parts
-from deckline_lab.rivals.detectors.parts import MAP_KIND, MapOutput
+from deckline_lab.rivals.detectors.parts import MapOutput, map_kind
 from deckline_lab.rivals.detectors.sad import SadNetwork
 from deckline_lab.train.backbone import conv_norm
 from deckline_lab.train.line_networks import LINES
@@ -26,9 +26,9 @@ class EnetSad(SadNetwork):
     `size_px` are width and height of the view, which 16 divides.
     """
 
-    def __init__(self, lines: int = LINES, size_px: tuple[int, int] = MAP_KIND.grid.size) -> None:
+    def __init__(self, size_px: tuple[int, int], lines: int = LINES) -> None:
         super().__init__()
-        self.kind = MAP_KIND
+        self.kind = map_kind(size_px)
         self.initial = InitialBlock()
         self.down1 = Bottleneck(16, 64, "down", dropout=0.01)
         self.stage1 = nn.Sequential(*(Bottleneck(64, 64, "square", dropout=0.01) for _ in range(4)))
@@ -41,7 +41,7 @@ class EnetSad(SadNetwork):
         self.up5 = Unpooling(64, 16)
         self.stage5 = Bottleneck(16, 16, "square", act=nn.ReLU)
         self.map = nn.ConvTranspose2d(16, lines + 1, 3, 2, 1, output_padding=1, bias=False)
-        self.existence = parts.LineExistence(128, 32, lines, (size_px[0] // 8, size_px[1] // 8))
+        self.existence = parts.LineExistence(128, 32, lines, size_px)
         self.region = parts.RegionBranch(128)
 
     def forward(self, image: Tensor) -> MapOutput:

@@ -1,30 +1,64 @@
 """Building blocks of the compared networks: backbones, region branch, segmentation on anchors one pixel high."""
 
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
 from deckline.detect.anchors import MAP_OUTPUTS, DecodeConfig, RowGrid
-from deckline_lab.train.backbone import CHANNELS, conv_norm, separable
-from deckline_lab.train.detect_losses import DetectTargets, LossWeights, box_loss, class_weights, region_loss
-from deckline_lab.train.line_networks import NetworkKind, RegionHead
+from deckline.detect.coarse_to_fine import DetectConfig
+from deckline_lab.train.backbone import CHANNELS, Lite0Backbone, conv_norm, separable
+from deckline_lab.train.detect_losses import DetectTargets, LossWeights, box_loss, region_loss
+from deckline_lab.train.line_networks import CELL_PX, NetworkKind, RegionHead
 
 REGION_WIDTH = 64  # channels, as in our own networks
 WIDTHS = (64, 128, 256, 512)  # channels of the four stages
 BLOCKS = {18: (2, 2, 2, 2), 34: (3, 4, 6, 3)}  # residual blocks of the four stages, by layers
-STRIPE_PX = 12.0  # width along a row of the stripe that is painted; at 512 px about the 30 px of 1640 that CULane draws
-BACKGROUND_WEIGHT = 0.4  # of the cross-entropy; published (SCNN, SAD, RESA)
+STRIPE_SHARE = 12 / 512  # of the view's width: the stripe that is painted along a row, about the 30 px of CULane's 1640
 EXISTENCE_WEIGHT = 0.1  # published
+# The published networks accept a line by their own rule (`rows_from_map`; UFLD: a row whose best class is a cell) and
+# keep all of its points. The region branch says where to look closer, once, and refuses nothing.
+PUBLISHED_SEARCH: dict[str, Any] = {
+    "min_confidence": 0.0,
+    "min_rows": 2,
+    "straight_cells": 1e9,
+    "min_straight_share": 0.0,
+    "min_probability": 0.0,
+    "min_lone_probability": 0.0,
+    "min_close_probability": 0.0,
+    "min_prior_probability": 0.0,
+    "sure_probability": 0.0,
+    "sure_clear_probability": 0.0,
+    "agreeing_probability": 0.0,
+    "min_view_probability": 0.0,
+    "min_place_probability": 0.0,
+    "places": 1,
+    "tiles": 0,
+}
 
-_GRID = RowGrid()
-MAP_KIND = NetworkKind(
-    grid=_GRID,
-    target_grid=RowGrid(_GRID.width, _GRID.height, _GRID.width, _GRID.height),
-    output_names=MAP_OUTPUTS,
-    decode=DecodeConfig(min_line_share=0.5, stripe_cells=STRIPE_PX / _GRID.cell_px),
-)
+
+@dataclass(frozen=True)
+class Trunk:
+    """What all networks share: the size of the view, and the backbone's first weights and what of it is trained."""
+
+    size_px: tuple[int, int] = (512, 288)  # width and height of the view, which 32 divides
+    pretrained: bool = True
+    frozen_blocks: int = 2
+
+    def build(self) -> Lite0Backbone:
+        return Lite0Backbone(self.pretrained, self.frozen_blocks)
+
+
+def map_kind(size_px: tuple[int, int]) -> NetworkKind:
+    """A network that paints lines: taught on every pixel row, read on anchors and cells of 4 px."""
+    width, height = size_px
+    grid = RowGrid(width, height, width // CELL_PX, height // CELL_PX)
+    decode = DecodeConfig(stripe_cells=STRIPE_SHARE * grid.cells)
+    return NetworkKind(
+        DetectConfig(grid, decode, **PUBLISHED_SEARCH), RowGrid(width, height, width, height), MAP_OUTPUTS
+    )
 
 
 class RegionBranch(nn.Module):
@@ -135,18 +169,18 @@ class LineExistence(nn.Module):
 
     Args:
         hidden: channels of a first 3x3 convolution; None goes straight to the class maps.
-        grid_size: width and height of the features; the fully connected layer fixes them.
+        size_px: width and height of the view; the fully connected layer fixes them.
 
     Source: Pan et al., "Spatial As Deep: Spatial CNN for Traffic Scene Understanding", 2018.
     """
 
     FC_WIDTH = 128  # published
 
-    def __init__(self, channels: int, hidden: int | None, lines: int, grid_size: tuple[int, int]) -> None:
+    def __init__(self, channels: int, hidden: int | None, lines: int, size_px: tuple[int, int]) -> None:
         super().__init__()
         self.hidden = nn.Identity() if hidden is None else conv_norm(channels, hidden, 3, dilation=4, relu=True)
         self.classes = nn.Sequential(nn.Dropout2d(0.1), nn.Conv2d(hidden or channels, lines + 1, 1))
-        flat = (lines + 1) * (grid_size[0] // 2) * (grid_size[1] // 2)
+        flat = (lines + 1) * (size_px[0] // 16) * (size_px[1] // 16)
         self.fc = nn.Sequential(nn.Linear(flat, self.FC_WIDTH), nn.ReLU(), nn.Linear(self.FC_WIDTH, lines))
 
     def forward(self, features: Tensor) -> Tensor:
@@ -165,33 +199,45 @@ def paint_stripes(cell: Tensor, width: int) -> Tensor:
     x = torch.arange(width, device=cell.device)
     label = torch.zeros(cell.shape[0], cell.shape[2], width, dtype=torch.long, device=cell.device)
     for line in range(cell.shape[1]):
-        label[(x - cell[:, line, :, None]).abs() <= STRIPE_PX / 2] = line + 1  # never true beside NaN
+        label[(x - cell[:, line, :, None]).abs() <= STRIPE_SHARE * width / 2] = line + 1  # never true beside NaN
     return label
 
 
-def map_loss(output: MapOutput, targets: DetectTargets, weights: LossWeights) -> tuple[Tensor, dict[str, Tensor]]:
-    """Cross-entropy of the painted lines, existence, region and box: weighted sum, and every part by name."""
-    logits = output.map.float()
-    label = paint_stripes(targets.cell, logits.shape[3])
+def shared_losses(output: MapOutput, targets: DetectTargets, weights: LossWeights) -> tuple[Tensor, dict[str, Tensor]]:
+    """Existence, region and box, which all networks that paint lines have: weighted sum, and every part by name."""
     there = (~torch.isnan(targets.cell)).any(2).float()
     parts = {
-        "map": F.cross_entropy(logits, label, weight=class_weights(logits, BACKGROUND_WEIGHT)),
         "existence": F.binary_cross_entropy_with_logits(output.lines.float(), there),
         "region": region_loss(output.region.float(), targets.region),
         "box": box_loss(output.box.float(), targets.box, targets.box_weight),
     }
-    total = weights.rows * parts["map"] + EXISTENCE_WEIGHT * parts["existence"]
-    return total + weights.region * parts["region"] + weights.box * parts["box"], parts
+    total = EXISTENCE_WEIGHT * parts["existence"] + weights.region * parts["region"] + weights.box * parts["box"]
+    return total, parts
 
 
-def overlap_loss(logits: Tensor, label: Tensor) -> Tensor:
-    """1 - intersection over union of every line's probability with its stripe, mean over the lines that are there.
+def lines_and_stripes(logits: Tensor, cell: Tensor) -> tuple[Tensor, Tensor]:
+    """Probabilities of the lines (B, lines, H, W) from class logits, and their stripes, 0 or 1."""
+    label = paint_stripes(cell, logits.shape[3])
+    shares = logits.float().softmax(1)[:, 1:]
+    return shares, torch.stack([(label == line + 1).float() for line in range(shares.shape[1])], dim=1)
+
+
+def overlap_loss(shares: Tensor, stripes: Tensor) -> Tensor:
+    """1 - intersection over union of every line with its stripe (B, lines, H, W), mean over the lines that are there.
 
     Source: Hou et al. 2019 (SAD), after Zhang et al. 2017.
     """
-    shares = logits.softmax(1)[:, 1:]
-    stripe = torch.stack([(label == line + 1).float() for line in range(shares.shape[1])], dim=1)
-    both = (shares * stripe).sum((2, 3))
-    union = (shares + stripe).sum((2, 3)) - both
-    there = stripe.sum((2, 3)) > 0
+    both = (shares * stripes).sum((2, 3))
+    union = (shares + stripes).sum((2, 3)) - both
+    there = stripes.sum((2, 3)) > 0
     return ((1 - both / union.clamp(min=1e-6)) * there).sum() / there.sum().clamp(min=1)
+
+
+def dice_loss(shares: Tensor, stripes: Tensor) -> Tensor:
+    """1 - dice coefficient of all lines with their stripes (B, lines, H, W) together, mean over the views.
+
+    Source: Zheng et al. 2021 (RESA), its configuration for CULane.
+    """
+    both = (shares * stripes).sum((1, 2, 3))
+    squares = (shares**2).sum((1, 2, 3)) + (stripes**2).sum((1, 2, 3))
+    return (1 - 2 * both / (squares + 2e-3)).mean()

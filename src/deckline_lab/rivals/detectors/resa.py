@@ -1,7 +1,7 @@
 """RESA: a line painted from features that pass on what they see across the whole image, by rows and by columns.
 
 Source: Zheng, Fang, Zhang et al., "RESA: Recurrent Feature-Shift Aggregator for Lane Detection", 2021: our reading of
-the paper's "LaneDet". Ours are the region branch (`parts`), the view of 512x288 px and the backbone: EfficientNet-Lite0
+the paper's "LaneDet". Ours are the region branch (`parts`), the size of the view and the backbone: EfficientNet-Lite0
 from ImageNet weights, or the published ResNet from random ones.
 """
 
@@ -12,16 +12,18 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from deckline_lab.rivals.detectors.parts import (
-    MAP_KIND,
     WIDTHS,
     LineExistence,
     MapOutput,
     Merge,
     RegionBranch,
     ResNet,
-    map_loss,
+    Trunk,
+    dice_loss,
+    lines_and_stripes,
+    map_kind,
+    shared_losses,
 )
-from deckline_lab.train.backbone import Lite0Backbone, conv_norm
 from deckline_lab.train.detect_losses import DetectTargets, Losses, LossWeights
 from deckline_lab.train.line_networks import LINES, LineNetwork
 
@@ -29,49 +31,41 @@ WIDTH = 128  # channels that are passed on; published
 ROUNDS = 4  # a shift by 1/16, 1/8, 1/4 and 1/2 of the side; published
 KERNEL = 9  # across the direction of the shift; published
 GAIN = 2.0  # of what is passed on; published
+DICE_WEIGHT = 2.0  # published
 
 
 class Resa(LineNetwork):
-    """The published network at stride 8. A ResNet ends after its third stage, which fits the published cost.
+    """The network of the published CULane configuration, at stride 8: plain decoder and dice loss.
 
-    `layers` of a ResNet are 18 or 34, None takes EfficientNet-Lite0; `size_px` are width and height of the view, which
-    32 divides.
+    A ResNet in place of EfficientNet-Lite0 (`layers`: 18 or 34) ends after its third stage, which fits the published
+    cost.
     """
 
-    def __init__(
-        self,
-        layers: int | None = None,
-        lines: int = LINES,
-        size_px: tuple[int, int] = MAP_KIND.grid.size,
-        pretrained: bool = True,
-    ) -> None:
+    def __init__(self, trunk: Trunk, layers: int | None = None, lines: int = LINES) -> None:
         super().__init__()
-        self.kind = MAP_KIND
+        self.kind = map_kind(trunk.size_px)
         if layers is None:
-            self.backbone, self.merge = Lite0Backbone(pretrained), Merge(WIDTH)
+            self.backbone, self.merge = trunk.build(), Merge(WIDTH)
         else:
             self.body = ResNet(layers, stages=3)
             self.reduce = nn.Conv2d(WIDTHS[2], WIDTH, 1, bias=False)
         self.layers = layers
         self.shifts = FeatureShift(WIDTH)
-        self.decoder = nn.Sequential(
-            BilateralUpsampling(WIDTH, 64),
-            BilateralUpsampling(64, 32),
-            BilateralUpsampling(32, 16),
-            nn.Conv2d(16, lines + 1, 1),
-        )
-        self.existence = LineExistence(WIDTH, None, lines, (size_px[0] // 8, size_px[1] // 8))
+        self.decoder = nn.Sequential(nn.Dropout2d(0.1), nn.Conv2d(WIDTH, lines + 1, 1))
+        self.existence = LineExistence(WIDTH, None, lines, trunk.size_px)
         self.region = RegionBranch(WIDTH)
 
     def forward(self, image: Tensor) -> MapOutput:
         reduced = self.merge(self.backbone(image)) if self.layers is None else self.reduce(self.body(image)[1])
         features = self.shifts(reduced)
+        painted = F.interpolate(self.decoder(features), scale_factor=8.0, mode="bilinear", align_corners=False)
         region, box = self.region(features)
-        return MapOutput(self.decoder(features), self.existence(features), region, box)
+        return MapOutput(painted, self.existence(features), region, box)
 
     def loss(self, output: Any, targets: DetectTargets, weights: LossWeights, fraction: float) -> Losses:
-        total, parts = map_loss(output, targets, weights)
-        return total, {name: float(value.detach()) for name, value in parts.items()}
+        total, parts = shared_losses(output, targets, weights)
+        parts["dice"] = dice_loss(*lines_and_stripes(output.map, targets.cell))
+        return total + DICE_WEIGHT * parts["dice"], {name: float(value.detach()) for name, value in parts.items()}
 
 
 class FeatureShift(nn.Module):
@@ -99,37 +93,3 @@ class FeatureShift(nn.Module):
                 shifted = torch.roll(x, -sign * shift, dim)
                 x = x + GAIN * F.relu(convs[direction](shifted))  # type: ignore[index]  # a ModuleList
         return x
-
-
-class BilateralUpsampling(nn.Module):
-    """Bilateral up-sampling: a coarse branch that interpolates and a fine one that is learned, added."""
-
-    def __init__(self, channels_in: int, channels_out: int) -> None:
-        super().__init__()
-        self.coarse = conv_norm(channels_in, channels_out, 1)
-        self.fine = nn.Sequential(
-            nn.ConvTranspose2d(channels_in, channels_out, 3, 2, 1, output_padding=1, bias=True),
-            nn.BatchNorm2d(channels_out),
-            nn.ReLU(),
-            FactoredConvolutions(channels_out),
-            FactoredConvolutions(channels_out),
-        )
-
-    def forward(self, x: Tensor) -> Tensor:
-        coarse = F.interpolate(self.coarse(x), scale_factor=2.0, mode="bilinear", align_corners=False)
-        return F.relu(coarse) + self.fine(x)
-
-
-class FactoredConvolutions(nn.Module):
-    """Two 3x3 convolutions, each as 3x1 and 1x3, added to their input."""
-
-    def __init__(self, channels: int) -> None:
-        super().__init__()
-        layers: list[nn.Module] = []
-        for _ in range(2):
-            layers += [nn.Conv2d(channels, channels, (3, 1), padding=(1, 0)), nn.ReLU()]
-            layers += [nn.Conv2d(channels, channels, (1, 3), padding=(0, 1)), nn.BatchNorm2d(channels), nn.ReLU()]
-        self.branch = nn.Sequential(*layers[:-1])
-
-    def forward(self, x: Tensor) -> Tensor:
-        return F.relu(x + self.branch(x))

@@ -2,7 +2,7 @@
 
 Source: Hou, Ma, Liu and Loy, "Learning Lightweight Lane Detection CNNs by Self Attention Distillation", 2019, whose
 network on a plain backbone interpolates class maps of stride 8 to the view. Ours are the region branch (`parts`), the
-view of 512x288 px and EfficientNet-Lite0 from ImageNet weights; the published ENet is `enet_sad`.
+size of the view and EfficientNet-Lite0 from ImageNet weights; the published ENet is `enet_sad`.
 """
 
 from collections.abc import Sequence
@@ -14,13 +14,14 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from deckline_lab.rivals.detectors import parts
-from deckline_lab.rivals.detectors.parts import MAP_KIND, MapOutput
-from deckline_lab.train.backbone import Lite0Backbone, conv_norm
-from deckline_lab.train.detect_losses import DetectTargets, Losses, LossWeights
+from deckline_lab.rivals.detectors.parts import MapOutput, Trunk, map_kind
+from deckline_lab.train.backbone import conv_norm
+from deckline_lab.train.detect_losses import DetectTargets, Losses, LossWeights, class_weights
 from deckline_lab.train.line_networks import LINES, LineNetwork
 
 WIDTH = 128  # channels at stride 8, as of ENet
 DISTIL_WEIGHT, OVERLAP_WEIGHT = 0.1, 0.1  # published
+BACKGROUND_WEIGHT = 0.4  # of the cross-entropy; published
 DISTIL_FROM = 2 / 3  # of the training; published as 40 k of 60 k iterations: the maps must mean something first
 
 
@@ -28,10 +29,13 @@ class SadNetwork(LineNetwork):
     """A network whose output in training holds the features of its blocks E1 to E4."""
 
     def loss(self, output: Any, targets: DetectTargets, weights: LossWeights, fraction: float) -> Losses:
-        total, losses = parts.map_loss(output, targets, weights)
-        stripes = parts.paint_stripes(targets.cell, output.map.shape[3])
-        losses["overlap"] = parts.overlap_loss(output.map.float(), stripes)
-        total = total + OVERLAP_WEIGHT * losses["overlap"]
+        total, losses = parts.shared_losses(output, targets, weights)
+        label = parts.paint_stripes(targets.cell, output.map.shape[3])
+        losses["map"] = F.cross_entropy(
+            output.map.float(), label, weight=class_weights(output.map.float(), BACKGROUND_WEIGHT)
+        )
+        losses["overlap"] = parts.overlap_loss(*parts.lines_and_stripes(output.map, targets.cell))
+        total = total + losses["map"] + OVERLAP_WEIGHT * losses["overlap"]
         if fraction >= DISTIL_FROM and output.encoded:
             losses["distil"] = distillation_loss(output.encoded[1:])
             total = total + DISTIL_WEIGHT * losses["distil"]
@@ -41,20 +45,18 @@ class SadNetwork(LineNetwork):
 class Sad(SadNetwork):
     """EfficientNet-Lite0, whose taps at strides 4 to 32 end the blocks E1 to E4; E2 to E4 distil, as published.
 
-    `size_px` are width and height of the view, which 32 divides.
+    Blocks whose backbone is not trained distil nothing.
     """
 
-    def __init__(
-        self, lines: int = LINES, size_px: tuple[int, int] = MAP_KIND.grid.size, pretrained: bool = True
-    ) -> None:
+    def __init__(self, trunk: Trunk) -> None:
         super().__init__()
-        self.kind = MAP_KIND
-        self.backbone = Lite0Backbone(pretrained)
+        self.kind = map_kind(trunk.size_px)
+        self.backbone = trunk.build()
         self.merge = parts.Merge(WIDTH)
         self.map = nn.Sequential(
-            conv_norm(WIDTH, WIDTH, 3), nn.ReLU(), nn.Dropout2d(0.1), nn.Conv2d(WIDTH, lines + 1, 1)
+            conv_norm(WIDTH, WIDTH, 3), nn.ReLU(), nn.Dropout2d(0.1), nn.Conv2d(WIDTH, LINES + 1, 1)
         )
-        self.existence = parts.LineExistence(WIDTH, 32, lines, (size_px[0] // 8, size_px[1] // 8))
+        self.existence = parts.LineExistence(WIDTH, 32, LINES, trunk.size_px)
         self.region = parts.RegionBranch(WIDTH)
 
     def forward(self, image: Tensor) -> MapOutput:

@@ -1,8 +1,8 @@
 """UFLD as published: everything flattened into two fully connected layers, 100 cells on 56 row anchors.
 
-Source: Qin, Wang and Li, "Ultra Fast Structure-aware Deep Lane Detection", 2020. Ours are the region branch (`parts`),
-the view of 512x288 px, and the backbone: EfficientNet-Lite0 from ImageNet weights, or the published ResNet-18 from
-random ones.
+Source: Qin, Wang and Li, "Ultra Fast Structure-aware Deep Lane Detection", 2020, and its configuration for TuSimple.
+Ours are the region branch (`parts`), the size of the view, and the backbone: EfficientNet-Lite0 from ImageNet weights,
+or the published ResNet-18 from random ones.
 """
 
 from functools import partial
@@ -13,34 +13,49 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from deckline.detect.anchors import RowGrid
-from deckline_lab.rivals.detectors.parts import WIDTHS, RegionBranch, ResNet
-from deckline_lab.train.backbone import CHANNELS, Lite0Backbone, conv_norm
-from deckline_lab.train.detect_losses import DetectTargets, Losses, LossWeights, UfldOutput, ufld_loss
+from deckline.detect.coarse_to_fine import DetectConfig
+from deckline_lab.rivals.detectors.parts import PUBLISHED_SEARCH, WIDTHS, RegionBranch, ResNet, Trunk
+from deckline_lab.train.backbone import BLOCKS, CHANNELS, conv_norm
+from deckline_lab.train.detect_losses import (
+    DetectTargets,
+    Losses,
+    LossWeights,
+    UfldOutput,
+    box_loss,
+    region_loss,
+    segmentation_loss,
+)
 from deckline_lab.train.line_networks import LINES, LineNetwork, NetworkKind
 
 PUBLISHED_CELLS, PUBLISHED_ROWS = 100, 56  # on TuSimple
 SQUEEZE = 8  # channels before flattening; published
 HIDDEN = 2048  # published
+FOCAL_GAMMA = 2.0  # published
 
 
 class PublishedUfld(LineNetwork):
-    """The published network; `grid` holds row anchors and input size, whose sides 32 divides.
+    """The published network.
 
-    `resnet` takes ResNet-18 in place of EfficientNet-Lite0.
+    `resnet` takes ResNet-18 in place of EfficientNet-Lite0. Without anything of the backbone to train there is no
+    auxiliary branch: it serves the backbone alone.
     """
 
     def __init__(
-        self, grid: RowGrid | None = None, lines: int = LINES, resnet: bool = False, pretrained: bool = True
+        self,
+        trunk: Trunk,
+        anchors: tuple[int, int] = (PUBLISHED_CELLS, PUBLISHED_ROWS),
+        lines: int = LINES,
+        resnet: bool = False,
     ) -> None:
         super().__init__()
-        grid = grid or RowGrid(cells=PUBLISHED_CELLS, rows=PUBLISHED_ROWS)
-        self.kind = NetworkKind(grid, grid)
+        grid = RowGrid(*trunk.size_px, *anchors)
+        self.kind = NetworkKind(DetectConfig(grid, **PUBLISHED_SEARCH), grid)
         self.shape = (lines, grid.rows, grid.cells + 1)
         channels = WIDTHS[1:] if resnet else CHANNELS[1:]
         if resnet:
             self.body = ResNet(18)
         else:
-            self.backbone = Lite0Backbone(pretrained)
+            self.backbone = trunk.build()
         self.resnet = resnet
         self.squeeze = nn.Conv2d(channels[2], SQUEEZE, 1)
         flat = SQUEEZE * (grid.width // 32) * (grid.height // 32)
@@ -50,16 +65,42 @@ class PublishedUfld(LineNetwork):
             if isinstance(layer, nn.Linear):
                 nn.init.normal_(layer.weight, std=0.01)
         self.region = RegionBranch(channels[0], channels[1])
-        self.segmentation = AuxiliaryBranch(channels, lines + 1)
+        learns = resnet or trunk.frozen_blocks < BLOCKS
+        self.segmentation = AuxiliaryBranch(channels, lines + 1) if learns else None
 
     def forward(self, image: Tensor) -> UfldOutput:
         taps = self.body(image) if self.resnet else self.backbone(image)[1:]
         rows = self.fc(self.squeeze(taps[2]).flatten(1)).unflatten(1, self.shape)
         region, box = self.region(taps[0], taps[1])
-        return UfldOutput(rows, region, box, self.segmentation(taps) if self.training else None)
+        auxiliary = self.training and self.segmentation is not None
+        return UfldOutput(rows, region, box, self.segmentation(taps) if auxiliary else None)  # type: ignore[misc]
 
     def loss(self, output: Any, targets: DetectTargets, weights: LossWeights, fraction: float) -> Losses:
-        return ufld_loss(output, targets, weights)
+        logits = output.rows.float()
+        parts = {
+            "rows": focal_loss(logits, targets.cell),
+            "similarity": F.smooth_l1_loss(logits[:, :, :-1], logits[:, :, 1:]),
+            "region": region_loss(output.region.float(), targets.region),
+            "box": box_loss(output.box.float(), targets.box, targets.box_weight),
+        }
+        total = parts["rows"] + parts["similarity"] + weights.region * parts["region"] + weights.box * parts["box"]
+        if output.segmentation is not None:
+            parts["segmentation"] = segmentation_loss(output.segmentation.float(), targets.cell, logits.shape[-1] - 1)
+            total = total + parts["segmentation"]
+        return total, {name: float(value.detach()) for name, value in parts.items()}
+
+
+def focal_loss(logits: Tensor, cell: Tensor) -> Tensor:
+    """Focal cross-entropy of the nearest cell, or of "no line here", mean over all anchors.
+
+    Args:
+        logits: (B, lines, rows, cells + 1).
+        cell: (B, lines, rows) position in cells, NaN for "no line here".
+    """
+    cells = logits.shape[-1] - 1
+    label = torch.where(torch.isnan(cell), cells, cell.nan_to_num(0.0).round().clamp(0, cells - 1)).long()
+    log_p = logits.log_softmax(-1).gather(-1, label[..., None])
+    return -((1 - log_p.exp()) ** FOCAL_GAMMA * log_p).mean()
 
 
 class AuxiliaryBranch(nn.Module):
