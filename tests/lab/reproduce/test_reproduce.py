@@ -8,8 +8,10 @@ import pytest
 
 from deckline.cli.main import main
 from deckline_lab.evaluation.tables import read_saved
-from deckline_lab.reproduce import paper_tables
-from deckline_lab.reproduce.paper_tables import DEHAZERS, DETECTORS, SAVED, with_paper_6
+from deckline_lab.reproduce import runs, table4, table5, table6
+from deckline_lab.reproduce.command import SAVED
+from deckline_lab.reproduce.table4 import DEHAZERS
+from deckline_lab.reproduce.table6 import DETECTORS, with_paper_6
 
 TABLES = ("table4", "table5", "table6")
 
@@ -27,8 +29,9 @@ def commands(monkeypatch, tmp_path):
             written.parent.mkdir(exist_ok=True)
             shutil.copy(SAVED / f"{name}.json", written)
 
-    monkeypatch.setattr(paper_tables, "run", run)
-    monkeypatch.setattr(paper_tables, "shrink_pairs", lambda recording, folder: folder)
+    for module in (runs, table4, table5, table6):
+        monkeypatch.setattr(module, "run", run)
+    monkeypatch.setattr(table4, "shrink_pairs", lambda recording, folder: folder)
     return called
 
 
@@ -74,12 +77,12 @@ def test_the_ablation_made_anew_is_printed_again_without_training(commands, tmp_
 
 
 def test_wrong_use_is_one_line(tmp_path, capsys):
-    runs = ["--runs", str(tmp_path)]
+    folder = ["--runs", str(tmp_path)]
     assert main(["reproduce", "table4", "--minutes", "3"]) == 2
-    assert main(["reproduce", "table4", *runs, "--minutes", "0"]) == 2
-    assert main(["reproduce", "table4", *runs]) == 2
+    assert main(["reproduce", "table4", *folder, "--minutes", "0"]) == 2
+    assert main(["reproduce", "table4", *folder]) == 2
     (tmp_path / "table4.json").write_text(json.dumps({"rows": []}))
-    assert main(["reproduce", "table4", *runs]) == 2
+    assert main(["reproduce", "table4", *folder]) == 2
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 4
     words = (["--minutes 3", "--runs"], ["--minutes 0"], ["table4.json", "--minutes"], ["table4.json", "--json"])
@@ -89,5 +92,5 @@ def test_wrong_use_is_one_line(tmp_path, capsys):
 def test_a_command_that_fails_ends_with_its_code(monkeypatch):
     monkeypatch.setattr(sys, "executable", "/bin/false")
     with pytest.raises(SystemExit) as ended:
-        paper_tables.run("info")
+        runs.run("info")
     assert ended.value.code == 1
