@@ -1,8 +1,10 @@
 """`deckline reproduce`: the paper's Tables 4, 5 and 6 beside the paper's figures, saved ones or made anew.
 
-RUNS/data, RUNS/views       what is trained on
+RUNS/data, RUNS/pairs       the paper's dataset, and its pairs averaged down by two
+RUNS/views                  what Table 6 is trained on
 RUNS/table4/<network>/      checkpoint and ONNX file of each training
 RUNS/table4.json            the figures, as an evaluation's --json writes them
+RUNS/figures                the paper's figures
 """
 
 from pathlib import Path
@@ -42,7 +44,7 @@ def reproduce(
     if not path.is_file():
         raise ValueError(f"{path} is not there: add --minutes to make it, or leave --runs out for saved figures")
     saved = read_saved(path)
-    add = {"table4": table4.with_paper_4, "table5": lambda tables: tables, "table6": table6.with_paper_6}[table]
+    shown = table6.with_paper_6(saved.tables) if table == "table6" else saved.tables
     differs = {"table4": table4.DIFFERS, "table5": table5.DIFFERS, "table6": table6.DIFFERS}[table]
-    print_tables(saved.title, saved.made_with, add(saved.tables), (f"Command: {saved.command}", differs))
+    print_tables(saved.title, saved.made_with, shown, (f"Command: {saved.command}", differs))
     return 0

@@ -1,6 +1,7 @@
 """Commands and folders that the tables share."""
 
 import json
+import math
 import shlex
 import subprocess
 import sys
@@ -17,21 +18,22 @@ def make_data(runs: Path) -> Path:
 
 
 def shrink_pairs(recording: Path, folder: Path) -> Path:
-    """`folder` with the recording's pairs at the size that they are trained at: loading them anew takes little time."""
+    """`folder` with the recording's pairs averaged down by two, as a coarse network sees them: loading takes little."""
     with needs_extra("train"):
         from deckline.report.draw import write_picture
+        from deckline_lab.evaluation.dehazing_pairs import open_pairs
         from deckline_lab.train.dehaze import DehazeTrainConfig
-        from deckline_lab.train.pair_views import open_clear_views
+        from deckline_lab.train.pair_views import make_pair_view
     if not (folder / LABELS_FILE).exists():
-        folder.mkdir(exist_ok=True)
-        views, entries = open_clear_views([recording], DehazeTrainConfig.working_long_side_px, held_out=0.0), []
-        for index in range(len(views)):
-            view, names = views[index], {"file": f"{index:03d}-hazy.png", "pair_of": f"{index:03d}-clear.png"}
-            if view.hazy_rgb is None:
-                raise ValueError(f"{recording}: picture {index} has no hazy one; write it with `deckline dataset`")
-            for name, picture in zip(names.values(), (view.hazy_rgb, view.clear_rgb), strict=True):
-                write_picture(folder / name, picture)
-            entries.append(names)
+        folder.mkdir(parents=True, exist_ok=True)
+        pairs, entries = open_pairs(recording), []
+        for key in pairs.keys:
+            pair, stem = pairs.load(key), f"{int(key):03d}"
+            view = make_pair_view(pair, DehazeTrainConfig.working_long_side_px)
+            for name, picture in (("hazy", view.hazy_rgb), ("clear", view.clear_rgb)):
+                write_picture(folder / f"{stem}-{name}.png", picture)
+            names = {"file": f"{stem}-hazy.png", "pair_of": f"{stem}-clear.png"}
+            entries.append(names | ({} if math.isnan(pair.visibility_m) else {"visibility_m": pair.visibility_m}))
         (folder / LABELS_FILE).write_text(json.dumps({"frames": entries}))
     return folder
 
