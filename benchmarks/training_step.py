@@ -25,15 +25,16 @@ import tyro
 from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
 
+from deckline.geometry import Camera
 from deckline.runtime import describe_processor
 from deckline_lab.cli.recipe_flags import make_recipe
 from deckline_lab.cli.train_dehaze import NO_FLAGS
 from deckline_lab.rivals.dehazers import DEHAZERS
+from deckline_lab.train.clear_views import ClearView
 from deckline_lab.train.dehaze import NETWORKS, DehazeTrainConfig, dehaze_loss
 from deckline_lab.train.dehaze_samples import make_batch
 from deckline_lab.train.export import network_cost
 from deckline_lab.train.loop import autocast, build_network, select_device
-from deckline_lab.train.pair_views import PairView
 from deckline_lab.train.view_sets import Views
 
 # Float32 TFLOP/s without tensor cores, GB/s and GB; NVIDIA's data sheets of the RTX 4090 and of the H100 (SXM).
@@ -75,13 +76,14 @@ def main(recipe: tyro.conf.Positional[Path], batch: int = 1, repeats: int = 3) -
     config = make_recipe(DehazeTrainConfig, recipe, NO_FLAGS)
     device, crop = select_device(config), (config.crop_height, config.crop_width)
     model = build_network(NETWORKS | DEHAZERS, config).to(device).to(memory_format=torch.channels_last)
-    cost, size = network_cost(model, crop), config.batch if device.type == "cuda" else batch
+    cost = network_cost(model, crop, (3, 6) if config.prior else (3,))
+    size = config.batch if device.type == "cuda" else batch
     print(f"{describe_processor()}, {device}, {torch.get_num_threads()} threads, torch {torch.__version__},", end=" ")
     print(f"Python {platform.python_version()}, {date.today()}")
     print(f"{config.network}: {cost.parameters} parameters, {cost.macs / 1e9:.2f} G MACs forward, {crop[1]}x{crop[0]}")
     step_s, peak_gb = measure_step(config, model, device, size, repeats)
     print(f"a step of {size}: {step_s:.2f} s, {peak_gb:.2f} GB above the memory before it")
-    print(f"a batch of {config.batch} is made in {measure_batch(config):.2f} s of one thread")
+    print(f"a batch of {config.batch} is made in {measure_batch(config):.2f} s of one thread's time")
     left_gb, most_gb = count_tensors(config, config.batch)
     print(f"tensors of a step of {config.batch}: {left_gb:.1f} GB after the forward pass, {most_gb:.1f} GB at the most")
     for name, (tflops, gb_s, gb) in GPUS.items():
@@ -129,7 +131,8 @@ def make_step(
 
     def step() -> torch.Tensor:
         with autocast(config, device):
-            loss = dehaze_loss(model(hazy).float(), clear, t, config.visible_share, config.best_psnr_db)
+            restored = model(hazy, torch.cat([hazy, hazy], 1)) if config.prior else model(hazy)
+            loss = dehaze_loss(restored.float(), clear, t, config.visible_share, config.best_psnr_db)
         after_forward()
         optimizer.zero_grad()
         loss.backward()
@@ -146,14 +149,19 @@ def peak_memory_gb(device: torch.device) -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9
 
 
-def measure_batch(config: DehazeTrainConfig) -> float:
-    """Time to make one batch of cached pairs, s."""
-    pictures = np.random.default_rng(0).integers(0, 256, (2, *PICTURE_PX, 3), np.uint8)
-    pair, path = PairView(pictures[0], pictures[1]), Path("pairs")
-    views = Views({path: (1, lambda index: pair)}, [path], held_out=0.0, train=True)
-    start_s = time.perf_counter()
-    make_batch(views, config.batch, (config.crop_height, config.crop_width), config.haze, [0], config.prior)
-    return time.perf_counter() - start_s
+def measure_batch(config: DehazeTrainConfig, repeats: int = 5) -> float:
+    """Processor time to make one batch of cached recorded views, s."""
+    (height, width), rng = PICTURE_PX, np.random.default_rng(0)
+    clear, hazy = rng.integers(0, 256, (2, height, width, 3), np.uint8)
+    ranges = rng.uniform(60, 800, (height, width)).astype(np.float16)
+    view = ClearView(clear, ranges, None, Camera.from_fov(width, height, np.pi / 2), hazy_rgb=hazy, visibility_m=900.0)
+    path = Path("pairs")
+    views, times_s = Views({path: (1, lambda index: view)}, [path], held_out=0.0, train=True), []
+    for step in range(repeats):
+        start_s = time.thread_time()
+        make_batch(views, config.batch, (config.crop_height, config.crop_width), config.haze, [0, step], config.prior)
+        times_s.append(time.thread_time() - start_s)
+    return statistics.median(times_s)
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from deckline_lab.train.loop import learning_rate
 from deckline_lab.train.pair_views import open_clear_views
 
 PUBLISHED = make_recipe(DehazeTrainConfig, Path("published"), DehazeFlags())
-SMALL = ["--crop-height", "32", "--crop-width", "48", "--batch", "2"]
+SMALL = ["--crop-height", "32", "--crop-width", "32", "--batch", "2"]
 
 
 def test_values_are_those_of_the_paper() -> None:
@@ -47,7 +47,7 @@ def test_five_steps_of_the_recipe(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert main(["train", "dehaze", str(recording), "--recipe", "published", "--out", str(out), *SMALL]) == 130
     progress = read_progress(out)
     assert progress is not None and progress["step"] == 5
-    assert progress["recipe"] == replace(PUBLISHED, crop_height=32, crop_width=48, batch=2).identity()
+    assert progress["recipe"] == replace(PUBLISHED, crop_height=32, crop_width=32, batch=2).identity()
     trained, averaged = read_tensors(out, "model"), read_tensors(out, "ema")
     torch.testing.assert_close(averaged, trained, rtol=0, atol=0)
     assert trained["head.1.weight"].abs().max() > 1e-4, "it is all zeros at first"
