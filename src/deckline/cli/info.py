@@ -30,6 +30,8 @@ def info() -> int:
         print(f"  {name} ({model.kind}): {path.name}, {path.stat().st_size / 1e6:.2f} MB")
         print(f"    sha256  {model.sha256} (checked)")
         print(f"    made by {model.command}")
+        if model.note:
+            print(f"    note    {model.note}")
         print(f"    on      {model.data}")
         print(f"    with    seed {model.seed}, {model.steps} steps, {model.hardware}, {model.date}")
         for figure, value in model.figures.items():

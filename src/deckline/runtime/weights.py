@@ -32,6 +32,8 @@ class ShippedModel:
     date: str
     figures: dict[str, Any] = field(default_factory=dict)
     """Measured after training, by name with the set that they were measured on."""
+    note: str = ""
+    """What the command alone does not say: earlier trainings, names in capitals, settings that no option has."""
 
 
 def shipped_models(folder: Path = WEIGHTS) -> dict[str, ShippedModel]:
@@ -48,9 +50,10 @@ def shipped_models(folder: Path = WEIGHTS) -> dict[str, ShippedModel]:
     except tomllib.TOMLDecodeError as error:
         raise ValueError(f"weights manifest {path} is not TOML: {error}") from error
     known = {item.name for item in fields(ShippedModel)}
+    required = known - {"figures", "note"}
     models: dict[str, ShippedModel] = {}
     for entry in content.get("model", []):
-        name, missing, unknown = entry.get("name", "?"), known - {"figures"} - entry.keys(), entry.keys() - known
+        name, missing, unknown = entry.get("name", "?"), required - entry.keys(), entry.keys() - known
         if missing or unknown:
             keys = f"lacks keys {sorted(missing)} and has unknown keys {sorted(unknown)}"
             raise ValueError(f"{path}: model {name!r} {keys}")

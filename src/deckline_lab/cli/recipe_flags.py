@@ -1,4 +1,4 @@
-"""What both trainings read from the command line: flags over a recipe, and the file of the first weights."""
+"""What both trainings read from the command line: flags over a recipe, shipped recipes and first weights by name."""
 
 from dataclasses import make_dataclass, replace
 from pathlib import Path
@@ -8,11 +8,13 @@ import tyro
 
 from deckline.config_file import read_config
 from deckline.runtime import shipped_models, shipped_weights
+from deckline_lab import train
 from deckline_lab.rivals import LAB_WEIGHTS
 from deckline_lab.train.loop import Recipe
 
 R = TypeVar("R", bound=Recipe)
 SHIPPED = "shipped"
+RECIPES = Path(train.__file__).parent / "recipes"  # shipped: a training's settings by the recipe's name
 SWITCHES = ("cpu_minutes", "prior", "tensorboard")  # not given, they leave the recipe's value
 Device = Literal["auto", "cpu", "cuda"]
 
@@ -47,11 +49,16 @@ def make_flags(recipe: type[Recipe], flags: dict[str, tuple[Any, str]]) -> Any:
     return make_dataclass("Flags", items, frozen=True)
 
 
-def make_recipe(cls: type[R], file: Path | None, flags: Any) -> R:
-    """The recipe of a file, or the defaults, overridden by the flags."""
-    base = cls() if file is None else read_config(cls, file)
+def make_recipe(cls: type[R], source: Path | None, flags: Any) -> R:
+    """The recipe of a file or a shipped one's name, or the defaults, overridden by the flags."""
+    base = cls() if source is None else read_config(cls, shipped_recipes().get(str(source), source))
     given = {name: value for name, value in vars(flags).items() if value is not None}
     return replace(base, **{name: value for name, value in given.items() if value or name not in SWITCHES})
+
+
+def shipped_recipes() -> dict[str, Path]:
+    """Files of the shipped recipes by name."""
+    return {file.stem: file for file in sorted(RECIPES.glob("*.toml"))}
 
 
 def find_weights(source: str | None, network: str) -> Path | None:

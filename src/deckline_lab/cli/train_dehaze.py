@@ -39,7 +39,8 @@ def dehaze(
         recordings: folders written by `deckline sim --visibility clear --depth.range-m inf`, and folders of pictures
             whose labels.json names the clear one of each hazy one as pair_of; one given twice is drawn twice as often.
         out: folder of recipe.toml, the checkpoint, losses.csv, losses.png and dehaze.onnx.
-        recipe: TOML file of all settings of a training (see recipe.toml in an --out); flags override it.
+        recipe: TOML file of all settings of a training (see recipe.toml in an --out), or a shipped recipe's name:
+            published (the paper's), coarse-t, paper-scene; flags override it.
         start_from: first weights: folder of an earlier training, .onnx file, shipped, or a shipped model's name.
         photographs: folder of clear photographs; they get haze over a made-up depth, for pictures without a pose.
         flags: over the recipe.

@@ -33,7 +33,8 @@ def detect(
         recordings: folders written by `deckline sim --visibility clear --depth.range-m inf`, and folders of pictures
             with labels.json, to which no haze is added; one given twice is drawn twice as often.
         out: folder of recipe.toml, the checkpoint, losses.csv, losses.png and detect.onnx.
-        recipe: TOML file of all settings of a training (see recipe.toml in an --out); flags override it.
+        recipe: TOML file of all settings of a training (see recipe.toml in an --out), or a shipped recipe's name:
+            hybrid, ufld; flags override it.
         start_from: first weights: folder of an earlier training, .onnx file, shipped, or a shipped model's name.
         photographs: folder of pictures without a runway, which take the place of some views' sky.
         flags: over the recipe.

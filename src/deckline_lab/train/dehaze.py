@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -46,7 +47,7 @@ BEST_PSNR_DB = 60.0  # replaces the infinite PSNR of an unchanged view in means
 
 @dataclass(frozen=True)
 class DehazeTrainConfig(Recipe):
-    """Recipe. The paper's: 600 k steps, batch 16, crops of 512x512, AdamW, lr 5e-4 cosine to 1e-7, PSNRLoss."""
+    """Recipe. The paper's is recipes/published.toml."""
 
     COUNTS = (*Recipe.COUNTS, "crop_height", "crop_width")
 
@@ -129,7 +130,8 @@ def train_dehaze(
     networks: Mapping[str, Callable[[DehazeTrainConfig], nn.Module]] = NETWORKS,
     photographs: Path | None = None,
 ) -> dict[str, float]:
-    """Train until the budget is used, then validate and export; returns the measured figures.
+    """Train until the budget is used, then validate and export; returns the measured figures, none without held-out
+    views.
 
     Args:
         config: recipe; a checkpoint in `out` must have been made with the same one, budget and machine apart.
@@ -146,9 +148,8 @@ def train_dehaze(
     if start_from is not None:
         start_with(model, start_from)
     run = open_run(config, model, optimizer, out)
-    views, held_out = (
-        open_clear_views(recordings, config.working_long_side_px, config.held_out, part) for part in (True, False)
-    )
+    open_part = partial(open_clear_views, recordings, config.working_long_side_px, config.held_out)
+    views, held_out = open_part(True), open_part(False) if config.held_out else None
     console.print(f"{count_parameters(model)} parameters, {len(views)} views, {device}, from step {run.step}")
     crop, size = (config.crop_height, config.crop_width), config.working_long_side_px
     real = None if photographs is None else open_photographs(photographs, size, config.held_out)
@@ -169,14 +170,14 @@ def train_dehaze(
     def figures_of(batch: Batch) -> dict[str, float]:
         return batch_figures(*restore(batch)[:2])
 
-    measured = [make(k, held_out, None) for k in range(HELD_OUT_BATCHES)]
+    measured = [make(k, held_out, None) for k in range(HELD_OUT_BATCHES)] if held_out else []
     train(config, run, make_ahead(make, run.step, config.steps), loss, console, measured, figures_of)
     model.load_state_dict(run.ema)
     shape = {"unshuffle": 1} | getattr(model, "grid", {}) if config.shape is None else asdict(config.shape)
     network = {"name": config.network, **shape}
     path = export_dehaze(model, out / "dehaze.onnx", network, config.working_long_side_px, run.recipe, run.step)
-    figures = validate(model, held_out, config.seed, config.prior)
-    print_figures(console, figures, views.skipped | held_out.skipped)
+    figures = validate(model, held_out, config.seed, config.prior) if held_out else {}
+    print_figures(console, figures, views.skipped | (held_out.skipped if held_out else {}))
     (out / "figures.json").write_text(json.dumps(figures, indent=1) + "\n")
     console.print(str(path))
     return figures

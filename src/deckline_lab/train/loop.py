@@ -52,10 +52,10 @@ class Recipe:
     batch: int = 8
     lr: float = 1e-3
     lr_end: float = 1e-6
-    warm_up: float = 0.02  # of the run
+    warm_up: float = 0.02  # of the run; 0: none
     weight_decay: float = 1e-3
-    clip_norm: float = 1.0  # of the gradient
-    ema_decay: float = 0.999  # of the averaged weights, which are the ones exported
+    clip_norm: float = 1.0  # of the gradient; 0: no limit
+    ema_decay: float = 0.999  # of the averaged weights, which are the ones exported; 0: the last ones
     held_out: float = 0.05  # of every recording, for validation
     checkpoint_minutes: float = 3.0  # between checkpoints; a killed run loses no more than that
     threads: int = 0  # of torch on a CPU; 0 leaves torch's own choice
@@ -66,6 +66,8 @@ class Recipe:
 
     def __post_init__(self) -> None:
         check_numbers(self, "", *self.COUNTS, least=1)
+        check_numbers(self, "", "clip_norm", least=0)
+        check_numbers(self, "", "warm_up", "ema_decay", "held_out", least=0, below=1)
         for name in ("minutes", "checkpoint_minutes"):
             value = getattr(self, name)
             if value is not None and value <= 0:
@@ -255,7 +257,8 @@ def _step(config: Recipe, run: TrainingRun, loss: Loss, fraction: float) -> dict
         group["lr"] = rate * group.get(RATE, 1.0)
     run.optimizer.zero_grad()
     value.backward()
-    torch.nn.utils.clip_grad_norm_(run.model.parameters(), config.clip_norm)
+    if config.clip_norm:
+        torch.nn.utils.clip_grad_norm_(run.model.parameters(), config.clip_norm)
     run.optimizer.step()
     update_average(run.ema, run.model, config.ema_decay, run.step)
     return {"total": total, **parts}

@@ -47,6 +47,7 @@ def test_flags_override_the_recipe_which_overrides_the_defaults(tmp_path):
     assert config.haze.prior_share == 0.25
     assert config.batch == DehazeTrainConfig.batch
     assert make_recipe(DetectTrainConfig, None, DetectFlags(bf16=False)).bf16 is False
+    assert make_recipe(DehazeTrainConfig, Path("paper-scene"), DehazeFlags(lr=3e-3)).haze.recorded_share == 1
     file.write_text("learning_rate = 1e-3\n")
     with pytest.raises(ValueError, match=r"recipe\.toml.*learning_rate"):
         make_recipe(DetectTrainConfig, file, DetectFlags())

@@ -87,7 +87,13 @@ def test_budget_is_what_ends_first() -> None:
     assert Recipe(steps=100, minutes=1.0).fraction_done(200, 0.0) == 1.0
 
 
-@pytest.mark.parametrize(("name", "value"), [("batch", 0), ("steps", -1), ("minutes", 0.0), ("checkpoint_minutes", -3)])
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        *(("batch", 0), ("steps", -1), ("minutes", 0.0), ("checkpoint_minutes", -3)),
+        *(("clip_norm", -1.0), ("ema_decay", 1.0), ("warm_up", 1.5), ("held_out", -0.1)),
+    ],
+)
 def test_recipes_that_cannot_work_are_refused(name: str, value: float) -> None:
     with pytest.raises(ValueError, match=f"{name}.*{value}"):
         Recipe(**{name: value})
@@ -96,6 +102,17 @@ def test_recipes_that_cannot_work_are_refused(name: str, value: float) -> None:
 def test_learning_rate_warms_up_and_follows_a_cosine() -> None:
     rates = [learning_rate(f, 5e-4, 1e-7, 0.1) for f in (0.0, 0.05, 0.1, 0.55, 1.0)]
     assert rates == pytest.approx([5e-6, 2.5e-4, 5e-4, (5e-4 + 1e-7) / 2, 1e-7])
+    assert learning_rate(0.0, 5e-4, 1e-7, 0.0) == pytest.approx(5e-4)
+
+
+@pytest.mark.parametrize(("clip_norm", "moved"), [(0.0, 60.0), (3.0, 3.0)])
+def test_a_gradient_is_cut_to_the_norm_that_the_recipe_allows(clip_norm: float, moved: float, tmp_path: Path) -> None:
+    model = torch.nn.Linear(1, 1, bias=False)
+    recipe = replace(RECIPE, steps=1, lr=1.0, lr_end=1.0, warm_up=0.0, clip_norm=clip_norm)
+    run = open_run(recipe, model, torch.optim.SGD(model.parameters()), tmp_path)
+    before = model.weight.item()
+    train(recipe, run, iter([60.0, 60.0]), lambda slope, _: (slope * model.weight.sum(), {}), Console(quiet=True))
+    assert before - model.weight.item() == pytest.approx(moved, rel=1e-5)
 
 
 def test_averaged_weights_start_unbiased_and_then_lag() -> None:
@@ -106,6 +123,8 @@ def test_averaged_weights_start_unbiased_and_then_lag() -> None:
     assert ema["weight"].item() == pytest.approx(0.9)
     update_average(ema, model, 0.5, step=10_000)
     assert ema["weight"].item() == pytest.approx(0.95)
+    update_average(ema, model, 0.0, step=10_001)
+    assert ema["weight"].item() == 1.0
 
 
 def test_rows_are_the_smoothed_losses_and_now_and_then_the_held_out_one(tmp_path: Path) -> None:
