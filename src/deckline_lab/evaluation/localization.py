@@ -56,8 +56,8 @@ class LocalizationConfig:
     Args:
         approaches: how many are flown.
         flights: how.
-        ufld: detector of the first row, without dehazing: name or .onnx file.
-        rival: further detectors without dehazing, a row each: names or .onnx files.
+        rival: detectors to compare with, without and with dehazing: names or .onnx files. Improvements refer to the
+            first one's row without.
         points: render nothing: project the true lines and draw points with a stated noise; only estimators and the
             tracker are compared then, in seconds an approach.
         noise: TOML file of the modelled detector, such as `sigma_px = 0.5`.
@@ -68,8 +68,7 @@ class LocalizationConfig:
 
     approaches: int = 10
     flights: Annotated[FlightsConfig, tyro.conf.arg(name="")] = field(default_factory=FlightsConfig)
-    ufld: str = "ufld"
-    rival: tuple[str, ...] = ()
+    rival: tuple[str, ...] = ("ufld",)
     points: bool = False
     noise: Path | None = None
     jobs: int = 1
@@ -124,7 +123,7 @@ def _prepare(config: LocalizationConfig) -> Work:
         bench = point_bench(methods, config.point_noise)
         sensors, noise = flights.run.sensors, config.point_noise
         return Work(methods, bench, lambda number: fly_points(flights.approach(number), sensors, noise))
-    methods = methods_of(flights.run, config.ufld, config.rival)
+    methods = methods_of(flights.run, config.rival)
     return Work(methods, load(methods), lambda number: map(Sighting, fly(flights, number)))
 
 

@@ -27,43 +27,51 @@ class Method:
     name: str
     config: RunConfig
     localizer: Localizer = localize
+    exact_pose: bool = False  # flies with the true pose: what is left is the vision's own error
 
     @property
     def tracked(self) -> bool:
         return self.config.tracking.enabled
 
 
-def methods_of(config: RunConfig, ufld: str, rivals: Sequence[str] = ()) -> list[Method]:
+HAZY, DEHAZED, PAPERS, EXACT = "hazy", "dehazed", "paper's", "exact pose"  # words of which a row's name is made
+SHIPPED = "as shipped, tracked"
+
+
+def methods_of(config: RunConfig, rivals: Sequence[str]) -> list[Method]:
     """The rows of the table, the one that improvements refer to first.
 
+    Each detector without and with dehazing, the paper's estimator behind both; the first rival's again with the true
+    pose; then our estimator, our track, and the defaults of `deckline run`.
+
     Args:
-        config: of our rows; the last one flies it as `deckline run` does, but for the picture for people.
-        ufld: the detector of the first row, which sees the haze.
-        rivals: detectors of further rows, as the first.
+        config: of our rows; its dehazer is every row's that dehazes.
+        rivals: detectors to compare with.
 
     Raises:
-        ValueError: two rivals that would have one name.
+        ValueError: two detectors that would have one name.
     """
     single, models = single_frames(config), config.models
-
-    def hazy(detector: str) -> RunConfig:
-        return replace(single, models=Models(NOT_DEHAZED, detector, "hazy"))
-
-    dehazed = replace(models, detect_in="dehazed")
-    named = {"ufld": ufld}
-    for each in rivals:
+    chains = {
+        HAZY: replace(models, dehazer=NOT_DEHAZED, detect_in="hazy"),
+        DEHAZED: replace(models, detect_in="dehazed"),
+    }
+    named: dict[str, str] = {}
+    for each in (*rivals, models.detector):
         if named.setdefault(detector_label(each), each) != each:
             raise ValueError(f"rival: two rows would be called {detector_label(each)}: rename {each} or its folder")
-    ours = [
-        Method("dehazed, paper's", replace(single, models=dehazed), localize_by_descent),
-        Method("dehazed, ours", replace(single, models=dehazed)),
-        Method("dehazed, ours, tracked", replace(config, models=dehazed)),
-        Method("hazy, ours, tracked", replace(config, models=hazy(models.detector).models)),
-    ]
-    return [
-        *(Method(f"{name}, hazy, paper's", hazy(each), localize_by_descent) for name, each in named.items()),
-        *ours,
-    ]
+
+    def row(seen: str, detector: str, *words: str, base: RunConfig = single) -> Method:
+        localizer, exact = localize_by_descent if PAPERS in words else localize, EXACT in words
+        given = replace(base, models=replace(chains[seen], detector=named[detector]))
+        return Method(", ".join((detector, seen, *words)), given, localizer, exact)
+
+    first, own = detector_label([*rivals, models.detector][0]), detector_label(models.detector)
+    rows = [row(seen, detector, PAPERS) for detector in named for seen in (HAZY, DEHAZED)]
+    rows += [row(seen, first, PAPERS, EXACT) for seen in (HAZY, DEHAZED)]
+    rows += [row(seen, own, "ours") for seen in (HAZY, DEHAZED)]
+    rows += [row(seen, own, "ours, tracked", base=config) for seen in (HAZY, DEHAZED)]
+    return [*rows, Method(SHIPPED, replace(config, models=Models()))]
 
 
 @dataclass(frozen=True, eq=False)

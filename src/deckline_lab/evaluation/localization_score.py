@@ -1,7 +1,7 @@
 """How far one frame's lines are from the truth: as the paper counts (Table 6), and as a pilot does."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -48,15 +48,15 @@ def score_approach(
     flights = {method.name: bench.start(method) for method in methods}
     for index, (frame, modelled) in enumerate(sightings):
         scores = []
-        detected: dict[RunConfig, Detection] = {}
+        detected: dict[tuple[RunConfig, bool], Detection] = {}
         for method in methods:
-            rng = None if modelled is None else point_rng(frame.file)
-            detection = modelled or detected.get(method.config)
-            result = flights[method.name](frame, detection=detection, rng=rng)
+            rng, key = None if modelled is None else point_rng(frame.file), (method.config, method.exact_pose)
+            seen = replace(frame, world_from_body=frame.true_world_from_body) if method.exact_pose else frame
+            result = flights[method.name](seen, detection=modelled or detected.get(key), rng=rng)
             if not method.tracked:
-                detected[method.config] = result.detection
+                detected[key] = result.detection
             lines = result.estimate.lines if result.track is None else result.track.lines
-            figures = frame_figures(frame, lines, method.config.approach.touchdown_m)
+            figures = frame_figures(seen, lines, method.config.approach.touchdown_m)
             figures |= track_figures(result) | bound_figures(result, method, bench.correlation)
             visibility_m = (frame.truth and frame.truth.visibility_m) or float("nan")
             mode = str(result.estimate.mode)

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from deckline.localize import localize
 from deckline.report.bands import by_band, share
 from deckline.types import SIDES
-from deckline_lab.evaluation.localization_methods import Method
+from deckline_lab.evaluation.localization_methods import DEHAZED, HAZY, Method
 from deckline_lab.evaluation.localization_score import LocalizationScore
 from deckline_lab.evaluation.pilot_errors import STATES
 from deckline_lab.evaluation.tables import MISSING, Figures, Table, number
-from deckline_lab.statistics import APPROACH_RANGE_M, VISIBILITY_M, consistency, percentile
+from deckline_lab.statistics import APPROACH_RANGE_M, VISIBILITY_M, consistency, paired_difference, percentile
 
 Scores = Mapping[str, Sequence[LocalizationScore]]  # method -> its frames
 
@@ -28,6 +28,7 @@ LINE_CELLS = {  # heading: figure, format
 }
 LINE_FIGURES = (*(name for name, _ in LINE_CELLS.values()), "lateral_error_m")
 IMPROVED = {"direction": "direction_error_deg", "intercept": "intercept_error_m"}
+GAINED = {"direction_error_deg": ".4f", "intercept_error_m": ".3f"}  # formats of what dehazing changes
 PILOT_CELLS = {"lateral": ("lateral_m", "m"), "height": ("height_m", "m"), "heading": ("heading_deg", "deg")}
 USABLE = {"direction_error_deg": 0.3, "lateral_error_m": 1.0}  # our marks of the near and of the far range
 UNIT = "unit alone"
@@ -36,7 +37,9 @@ NOTES = """\
 Table 6: a line is y = slope x + intercept at world z = height (down); the first three columns are means of the
 estimates, "off" are means of the sizes of the errors; all are means over approaches of each approach's mean over its
 frames. found: frames with this line; the others are in no mean. Improvement: 1 - error / error of the first row, of the
-mean sizes of direction or intercept errors, left and right added for "both". Usable: of all frames, those without a
+mean sizes of direction or intercept errors, left and right added for "both". What dehazing changes: degrees and metres,
+left and right averaged, of frames in which both rows have both lines. Exact pose: the navigation unit's error taken
+away, in that row alone. Usable: of all frames, those without a
 line counted as of no use; it is no figure of the paper's. Unit alone: lines seen exactly, placed by the navigation
 unit's own wrong position and heading, in every frame. Pilot: errors of the centre line as seen
 from the aircraft, at the touchdown point; what the navigation unit is wrong by about its own position and heading is
@@ -85,7 +88,13 @@ REQUIREMENTS = (  # public figures
 def localization_tables(scores: Scores, methods: Sequence[Method]) -> list[Table]:
     """Every table, of the methods in their order."""
     tracked = [method.name for method in methods if method.tracked]
-    tables = [table_6(scores), improvements(scores), usable_table(scores), _pilot_table("pilot, all frames", scores)]
+    tables = [
+        table_6(scores),
+        improvements(scores),
+        dehazing_gains(scores),
+        usable_table(scores),
+        _pilot_table("pilot, all frames", scores),
+    ]
     for name in tracked:
         for what, bands in {"range to the ramp": by_range, "visibility": by_visibility}.items():
             tables.append(_pilot_table(f"pilot, {name}, by {what}", bands(scores[name])))
@@ -174,6 +183,41 @@ def improvements(scores: Scores) -> Table:
         rows.append((name, *(number(100 * value, ".1f") for value in values)))
     headings = (f"{what} {'both' if group == SIDES else group[0]}" for what, group in columns)
     return Table(f"improvement over {reference}, %", ("method", *headings), rows)
+
+
+def dehazing_gains(scores: Scores) -> Table:
+    """What dehazing changes: rows that differ in nothing else, on the frames in which both have both lines."""
+    rows = []
+    for name, hazy in scores.items():
+        dehazed = scores.get(name.replace(f", {HAZY}", f", {DEHAZED}"), ())
+        if f", {HAZY}" in name and dehazed:
+            found = (share(members, _has_both) for members in (hazy, dehazed))
+            cells = (_gain_cells(hazy, dehazed, figure, form) for figure, form in GAINED.items())
+            rows.append((name.replace(f", {HAZY}", ""), *(f"{100 * each:.1f}" for each in found), *sum(cells, ())))
+    headings = (f"{what} {each}" for what in IMPROVED for each in ("hazy", "dehazed", "change [95 %]", "better, %"))
+    return Table("what dehazing changes", ("method", "both found %, hazy", "dehazed", *headings), rows)
+
+
+def _has_both(score: LocalizationScore) -> bool:
+    return all(f"slope.{side}" in score.figures for side in SIDES)
+
+
+def _gain_cells(
+    hazy: Sequence[LocalizationScore], dehazed: Sequence[LocalizationScore], figure: str, form: str
+) -> tuple[str, ...]:
+    """Mean error hazy and dehazed, their difference with its interval over approaches, and the share that is gone."""
+    runs: dict[int, list[tuple[float, float]]] = {}
+    for pair in zip(hazy, dehazed, strict=True):
+        if all(map(_has_both, pair)):
+            before, after = (sum(score.figures[f"{figure}.{side}"] for side in SIDES) / len(SIDES) for score in pair)
+            runs.setdefault(pair[0].approach, []).append((before, after))
+    if not runs:
+        return (MISSING,) * 4
+    means = np.array([np.mean(pairs, axis=0) for pairs in runs.values()])
+    before, after = means.mean(axis=0)
+    change = paired_difference(means[:, 1] - means[:, 0], np.random.default_rng(SEED))
+    better = number(100 * (1 - after / before) if before else None, ".1f")
+    return f"{before:{form}}", f"{after:{form}}", change.text(f"+{form}"), better
 
 
 def usable_share(scores: Sequence[LocalizationScore]) -> float:
