@@ -14,9 +14,9 @@ from deckline_lab.datasets.paper import (
     check_dataset,
     dataset_items,
     split_frames,
-    tile_corners,
     write_manifest,
 )
+from deckline_lab.datasets.tiles import tile_corners
 
 SMALL = ["--frames", "12", "--test", "4", "--width", "160", "--height", "90", "--tile-px", "64"]
 

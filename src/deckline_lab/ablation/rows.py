@@ -1,39 +1,55 @@
 """The rows of the paper's Table 5: what differs between them, and their training."""
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from deckline.recording import open_recording
 from deckline_lab.train.checkpoint import read_progress
+from deckline_lab.train.clear_views import shrink
 from deckline_lab.train.dehaze import DehazeTrainConfig, build_ours, train_dehaze
 from deckline_lab.train.dehaze_network import Attention, Transformer
 from deckline_lab.train.dehaze_samples import HazeAugmentation
 from deckline_lab.train.export import network_cost
-from deckline_lab.train.loop import MACHINE
+from deckline_lab.train.loop import BUDGET, MACHINE, is_finished
 
 WEIGHTS_FILE = "dehaze.onnx"
+FLIP = 0.5  # probability, horizontal and vertical each; Li et al. 2024, section 4.1.1
 
 
 @dataclass(frozen=True)
 class AblationRow:
     """One row of the table; each has what the one above has and one part more."""
 
-    key: str  # its folder's name
+    key: str  # its folders' name
     name: str  # for people
     attention: Attention
     transformer: Transformer
-    augmented: bool
-    paper_psnr_db: float  # on the paper's own pictures; Li et al. 2024, Table 5
+    sub_images: bool  # with flips; else whole pictures as they are
+    redrawn: bool  # haze drawn anew in a share of the crops; else as recorded in all
+    paper_psnr_db: float | None  # on the paper's own pictures; Li et al. 2024, Table 5
 
 
 ROWS = (
-    AblationRow("baseline", "depthwise, plain transformers", "depthwise", "plain", False, 28.94),
-    AblationRow("mix-attention", "+ MixAttention", "mix", "plain", False, 29.46),
-    AblationRow("mobilevit", "+ MobileViTv3", "mix", "mobilevit", False, 30.10),
-    AblationRow("augmentation", "+ augmentation", "mix", "mobilevit", True, 30.18),
+    AblationRow("baseline", "depthwise, plain transformers", "depthwise", "plain", False, False, 28.94),
+    AblationRow("mix-attention", "+ MixAttention", "mix", "plain", False, False, 29.46),
+    AblationRow("mobilevit", "+ MobileViTv3", "mix", "mobilevit", False, False, 30.10),
+    AblationRow("sub-images", "+ sub-images and flips", "mix", "mobilevit", True, False, 30.18),
+    AblationRow("redrawn", "+ haze drawn anew (ours)", "mix", "mobilevit", True, True, None),
 )
+
+
+@dataclass(frozen=True)
+class Training:
+    """A row with one seed: its recipe and its folder."""
+
+    row: AblationRow
+    recipe: DehazeTrainConfig
+    folder: Path
 
 
 def base_recipe(
@@ -42,75 +58,95 @@ def base_recipe(
     size: str,
     unshuffle: int,
     recorded_share: float,
-    flip_vertical: float,
+    sub_image_px: int,
     **same: Any,
 ) -> DehazeTrainConfig:
-    """What the rows have in common; the arguments are `AblationConfig`'s, `same` those that recipes have too."""
+    """What the rows have in common, with the paper's loss; the arguments are `AblationConfig`'s, `same` those that
+    recipes have too.
+    """
     if minutes is None and steps is None:
         raise ValueError("give each row a budget: --minutes, --steps, or both (whichever ends first)")
     return DehazeTrainConfig(
         network=f"{'full' if unshuffle == 1 else 'coarse'}-{size}",
         minutes=minutes,
         steps=DehazeTrainConfig.steps if steps is None else steps,
-        haze=HazeAugmentation(recorded_share=recorded_share, flip_vertical=flip_vertical),
+        crop_height=sub_image_px,
+        crop_width=sub_image_px,
+        visible_share=0.0,
+        haze=HazeAugmentation(recorded_share=recorded_share, noise_share=0.0, crop_scale=(1.0, 1.0)),
         **same,
     )
 
 
-def row_recipe(row: AblationRow, base: DehazeTrainConfig) -> DehazeTrainConfig:
-    """The recipe of one row.
-
-    Without augmentation every pair is what was recorded: its own haze, neither mirrored nor resized. Crops lie anywhere
-    in all rows, as whole pictures are too large to train on.
-    """
-    recorded = replace(
+def row_recipe(row: AblationRow, base: DehazeTrainConfig, size: tuple[int, int]) -> DehazeTrainConfig:
+    """The recipe of one row; `size` is the height and width of the whole pictures, px."""
+    flip = FLIP if row.sub_images else 0.0
+    haze = replace(
         base.haze,
-        recorded_share=1.0,
-        noise_share=0.0,
-        crop_scale=(1.0, 1.0),
-        flip_horizontal=0.0,
-        flip_vertical=0.0,
+        recorded_share=base.haze.recorded_share if row.redrawn else 1.0,
+        flip_horizontal=flip,
+        flip_vertical=flip,
     )
-    haze = base.haze if row.augmented else recorded
-    return replace(base, attention=row.attention, transformer=row.transformer, haze=haze)
+    height, width = (base.crop_height, base.crop_width) if row.sub_images else size
+    return replace(
+        base,
+        attention=row.attention,
+        transformer=row.transformer,
+        haze=haze,
+        crop_height=height,
+        crop_width=width,
+        sub_images=row.sub_images,
+    )
+
+
+def list_trainings(base: DehazeTrainConfig, size: tuple[int, int], seeds: Sequence[int], out: Path) -> list[Training]:
+    """Every row with every seed, in the order of training: a seed's rows together."""
+    return [
+        Training(row, replace(row_recipe(row, base, size), seed=seed), out / f"{row.key}-{seed}")
+        for seed in seeds
+        for row in ROWS
+    ]
 
 
 def describe_rows(base: DehazeTrainConfig, recording: Path) -> dict[str, Any]:
-    """What the rows are made with, but for the machine: JSON values."""
-    recipe = {name: value for name, value in asdict(base).items() if name not in MACHINE}
+    """What the rows are made with, but for machine, budget and seed: JSON values."""
+    left_out = (*MACHINE, *BUDGET, "seed")
+    recipe = {name: value for name, value in asdict(base).items() if name not in left_out}
     return {**recipe, "recording": str(recording.resolve())}
 
 
-def train_rows(base: DehazeTrainConfig, recording: Path, out: Path) -> dict[str, dict[str, float]]:
-    """Train every row that is not finished in `out`/<key>, in order, on pairs with depth; the same call goes on.
+def train_rows(trainings: Sequence[Training], recording: Path) -> dict[str, dict[str, float]]:
+    """Train what is not finished, in order, on pairs with depth; the same call goes on.
 
     Returns:
-        parameters, macs_256, steps and minutes of each row, by key.
+        parameters, macs_256, steps and minutes (means over the seeds) of each row, by key.
     """
-    costs: dict[str, dict[str, float]] = {}
-    for row in ROWS:
-        recipe, folder = row_recipe(row, base), out / row.key
-        if is_finished(recipe, folder):
-            print(f"{row.key}: finished before")
+    spent: dict[str, list[dict[str, float]]] = {}
+    for k, training in enumerate(trainings, 1):
+        row, recipe, folder = training.row, training.recipe, training.folder
+        print(f"training {k} of {len(trainings)}: {row.name}, seed {recipe.seed}", flush=True)
+        if is_finished(recipe, folder, WEIGHTS_FILE):
+            print("finished before", flush=True)
         else:
-            print(f"{row.key}: {row.name}")
             train_dehaze(recipe, [recording], folder)
         progress, cost = read_progress(folder) or {}, network_cost(build_ours(recipe))
-        spent = {"steps": progress["step"], "minutes": progress["seconds"] / 60}
-        costs[row.key] = {"parameters": cost.parameters, "macs_256": cost.macs, **spent}
-    return costs
+        figures = {"parameters": cost.parameters, "macs_256": cost.macs}
+        spent.setdefault(row.key, []).append(
+            {**figures, "steps": progress["step"], "minutes": progress["seconds"] / 60}
+        )
+    return {key: _means(figures) for key, figures in spent.items()}
 
 
-def is_finished(recipe: DehazeTrainConfig, folder: Path) -> bool:
-    """Whether the folder holds the weights of a training that used its budget."""
-    progress = read_progress(folder)
-    if progress is None or not (folder / WEIGHTS_FILE).is_file():
-        return False
-    return recipe.fraction_done(progress["step"], progress["seconds"]) >= 1
+def _means(figures: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    return {name: float(np.mean([each[name] for each in figures])) for name in figures[0]}
 
 
-def check_pairs(recording: Path, held_out: float) -> None:
-    """Raise ValueError unless there are pairs, recorded in haze and in clear air, to train on and to hold out."""
+def check_pairs(recording: Path, held_out: float) -> tuple[int, int]:
+    """Height and width, px, of the recording's pictures as training sees them.
+
+    Raises:
+        ValueError: no pairs, recorded in haze and in clear air, to train on and to hold out.
+    """
     source = open_recording(recording)
     if round(held_out * len(source)) < 1:
         raise ValueError(f"{recording}: {len(source)} pairs are too few to hold {100 * held_out:g} % of them out")
@@ -119,5 +155,6 @@ def check_pairs(recording: Path, held_out: float) -> None:
         visibility_m = math.inf if truth is None or truth.visibility_m is None else truth.visibility_m
         if truth is None or truth.clear_rgb is None or math.isinf(visibility_m):
             raise ValueError(f"{recording}: {frame.file} is no pair of a hazy and a clear picture")
-        return
+        height, width = shrink(truth.clear_rgb, DehazeTrainConfig.working_long_side_px)[0].shape[:2]
+        return height, width
     raise ValueError(f"{recording}: no frame can be read")

@@ -1,6 +1,6 @@
 """`deckline reproduce`."""
 
-from deckline_lab.reproduce.paper_tables import reproduce
+from deckline_lab.reproduce.command import reproduce
 
 COMMANDS = {"reproduce": reproduce}
 EXAMPLES = {

@@ -29,6 +29,7 @@ from deckline.recording.images import encode_image
 from deckline.recording.writer import EncodedFrame, encode_frame
 from deckline.runtime import sha256_of
 from deckline.types import Frame
+from deckline_lab.datasets.tiles import tile_corners
 from deckline_sim.config import DepthConfig, SimConfig, Trajectory, WeatherConfig
 from deckline_sim.processes import map_ordered
 from deckline_sim.record import Item, json_values, map_frames, show_progress, visibility_text
@@ -42,7 +43,6 @@ NAMED = 3  # damaged files that an error names
 MEND = "remove it and give the command that made it again"
 PACKAGES = ("numpy", "scipy", "opencv-python-headless", "moderngl")
 SPLITS = ("train", "test")
-COLUMNS, ROWS = 4, 2  # tiles of an image: 8, as in the paper
 FLIGHT_FRAMES = 25  # of one flight; each has its own weather and visibility
 FLIGHT_GAP_S = 3600.0  # between the starts of two flights, so that a recording's time never runs back
 RANDOM_SHARE = 0.5  # of mixed frames: unrelated views around the glide path; the others are from flights
@@ -169,13 +169,6 @@ def encode_pair(frame: Frame, config: DatasetConfig) -> EncodedPair:
             tiles.append((f"clear/{{}}_{k}.png", encode_image(clear[part], "png")))
             tiles.append((f"depth/{{}}_{k}.npy", _encode_half(frame.depth_m[part])))
     return encode_frame(frame), tiles
-
-
-def tile_corners(width: int, height: int, tile_px: int) -> list[tuple[int, int]]:
-    """Left and top of every tile, px, row by row: spread evenly, the outer ones at the image's borders."""
-    lefts = np.rint(np.linspace(0, width - tile_px, COLUMNS)).astype(int).tolist()
-    tops = np.rint(np.linspace(0, height - tile_px, ROWS)).astype(int).tolist()
-    return [(left, top) for top in tops for left in lefts]
 
 
 def _encode_half(depth_m: NDArray[np.float32]) -> bytes:

@@ -61,7 +61,7 @@ def sheet(
         raise ValueError("a sheet needs at least one visibility")
     by_name = {source.name: source for source in sources}
     chosen = [nearest(scores, visibility) for visibility in visibilities_m]
-    columns = [_column(by_name[name].load(key), dehazers) for name, key in chosen]
+    columns = [np.concatenate(tiles_of(by_name[name].load(key), dehazers)) for name, key in chosen]
     height = max(len(column) for column in columns)
     return np.concatenate([np.pad(column, ((0, height - len(column)), (0, 0), (0, 0))) for column in columns], axis=1)
 
@@ -75,7 +75,8 @@ def nearest(scores: Sequence[ImageScore], visibility_m: float) -> tuple[str, str
     return min(candidates, key=lambda score: abs(math.log(score.visibility_m / visibility_m))).image
 
 
-def _column(pair: Pair, dehazers: Mapping[str, Dehazer]) -> Image:
+def tiles_of(pair: Pair, dehazers: Mapping[str, Dehazer]) -> list[Image]:
+    """Small pictures of one size: hazy, what every dehazer makes of it, and clear; tagged with name and PSNR."""
     pictures = {f"hazy, {pair.visibility_m:.0f} m": pair.frame.image_rgb}
     pictures |= {
         name: restore(dehazer, pair.frame).image_rgb for name, dehazer in dehazers.items() if name != NOT_DEHAZED
@@ -85,7 +86,7 @@ def _column(pair: Pair, dehazers: Mapping[str, Dehazer]) -> Image:
         if pair.clear_rgb is not None:
             name += f": {restoration(image, pair.clear_rgb, None)['psnr_db']:.1f} dB"
         tiles.append(_tile(image, name))
-    return np.concatenate(tiles if pair.clear_rgb is None else [*tiles, _tile(pair.clear_rgb, "clear")])
+    return tiles if pair.clear_rgb is None else [*tiles, _tile(pair.clear_rgb, "clear")]
 
 
 def _tile(image: Image, words: str) -> Image:

@@ -121,15 +121,22 @@ def publish(
         write_atomic(output.markdown, ("\n\n".join(parts) + "\n").encode())
         print(printable(output.markdown))
     if output.json is not None:
-        about = {
-            "_title": title,
-            "_command": _repeatable_command(sys.argv[1:]),
-            "_made_with": made,
-            "_notes": list(notes),
-        }
-        content = {**figures, **about, "_tables": [asdict(table) for table in tables]}
-        write_atomic(output.json, (json.dumps(_plain(content), indent=1, allow_nan=False) + "\n").encode())
+        write_json(output.json, title, tables, figures, notes)
         print(printable(output.json))
+
+
+def write_json(
+    path: Path, title: str, tables: Sequence[Table], figures: Mapping[str, Any], notes: Sequence[str] = ()
+) -> None:
+    """Write figures and, under names with an underscore, the command, what it ran on and the tables; see `publish`."""
+    about = {
+        "_title": title,
+        "_command": _repeatable_command(sys.argv[1:]),
+        "_made_with": made_with(),
+        "_notes": list(notes),
+    }
+    content = {**figures, **about, "_tables": [asdict(table) for table in tables]}
+    write_atomic(path, (json.dumps(_plain(content), indent=1, allow_nan=False) + "\n").encode())
 
 
 def print_tables(title: str, made: Mapping[str, str], tables: Sequence[Table], notes: Sequence[str]) -> None:

@@ -12,6 +12,7 @@ from deckline.extras import needs_extra
 CSV_FILE, PICTURE_FILE, EVENTS_FOLDER = "losses.csv", "losses.png", "tensorboard"
 ABOUT = ("step", "minutes", "lr")  # of a row, what is no loss
 HELD_OUT = "held_out"
+MARKED = {"marker": "o", "color": "black"}  # held-out figures, which are far apart
 
 Row = Mapping[str, float]
 
@@ -38,7 +39,7 @@ class Curves:
             self._events = SummaryWriter(str(out / EVENTS_FOLDER), purge_step=step)
 
     def add(self, row: Row) -> None:
-        """Add a row: step, minutes, lr, the losses, and held_out where it was measured."""
+        """Add a row: step, minutes, lr, the losses, and where they were measured held_out and figures held_out_NAME."""
         self.rows.append(row)
         text = io.StringIO()
         columns = dict.fromkeys(name for each in self.rows for name in each)
@@ -53,23 +54,27 @@ class Curves:
             self._events.flush()
 
     def draw(self) -> Path:
-        """Write the picture of the rows.
+        """Write the picture of the rows: the losses together, every held-out figure below them.
 
         Raises:
             ImportError: no matplotlib.
         """
         with needs_extra("viz"):
             from matplotlib.figure import Figure
-        figure = Figure(figsize=(8, 4.5), dpi=110, layout="constrained")
-        axes = figure.subplots()
         names = dict.fromkeys(name for row in self.rows for name in row if name not in ABOUT)
+        figures = [name for name in names if name.startswith(f"{HELD_OUT}_")]
+        figure = Figure(figsize=(8, 4.5 + 2 * len(figures)), dpi=110, layout="constrained")
+        panels = figure.subplots(1 + len(figures), 1, squeeze=False, sharex=True)[:, 0]
         for name in names:
+            axes = panels[1 + figures.index(name)] if name in figures else panels[0]
             points = [(row["step"], row[name]) for row in self.rows if name in row]
-            style = {"marker": "o", "color": "black"} if name == HELD_OUT else {"lw": 2.0 if name == "total" else 0.9}
+            style = MARKED if name.startswith(HELD_OUT) else {"lw": 2.0 if name == "total" else 0.9}
             axes.plot(*zip(*points, strict=True), label=name.replace("_", " "), **style)
-        axes.set(xlabel="step", ylabel="loss")
-        axes.grid(alpha=0.3)
-        axes.legend()
+        panels[0].set_ylabel("loss")
+        panels[-1].set_xlabel("step")
+        for axes in panels:
+            axes.grid(alpha=0.3)
+            axes.legend()
         data = io.BytesIO()
         figure.savefig(data, format="png")
         write_atomic(self.out / PICTURE_FILE, data.getvalue())

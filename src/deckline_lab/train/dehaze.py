@@ -15,7 +15,7 @@ from torch import Tensor, nn
 
 from deckline.dehaze.tensors import image_to_tensor, tensor_to_image
 from deckline.haze import add_haze, beta_from_visibility
-from deckline_lab.evaluation.metrics import psnr_db, ssim
+from deckline_lab.evaluation.metrics import SSIM_WINDOW_PX, psnr_db, ssim
 from deckline_lab.train.airlight import random_airlight
 from deckline_lab.train.clear_views import ClearView
 from deckline_lab.train.dehaze_network import SHAPES, Attention, DehazeNetwork, DehazeNetworkConfig, Transformer
@@ -57,6 +57,7 @@ class DehazeTrainConfig(Recipe):
     prior: bool = False  # ours, coarse: starts from the geometry dehazer's picture where there is one
     crop_height: int = 288  # px
     crop_width: int = 512  # px
+    sub_images: bool = False  # crops, square ones, are the paper's eight overlapping squares of a picture
     visible_share: float = 0.5  # of the loss is PSNRLoss weighted by transmission; the paper's is 0
     best_psnr_db: float = BEST_LOSS_PSNR_DB  # of the loss
     working_long_side_px: int = 640  # a coarse network sees larger images averaged down to about this
@@ -66,6 +67,12 @@ class DehazeTrainConfig(Recipe):
     lr: float = 5e-4
     lr_end: float = 1e-7
     weight_decay: float = 4e-3
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.sub_images and self.crop_height != self.crop_width:
+            sides = f"crop_height {self.crop_height} and crop_width {self.crop_width}"
+            raise ValueError(f"sub_images are squares: expected equal sides, got {sides}")
 
     @property
     def shape(self) -> DehazeNetworkConfig | None:
@@ -148,16 +155,23 @@ def train_dehaze(
     real = None if photographs is None else open_photographs(photographs, size, config.held_out)
 
     def make(step: int, views: Views[ClearView | PairView] = views, real: Views[ClearView] | None = real) -> Batch:
-        return make_batch(views, config.batch, crop, config.haze, [config.seed, step], config.prior, real)
+        seed = [config.seed, step]
+        return make_batch(views, config.batch, crop, config.haze, seed, config.prior, real, config.sub_images)
 
-    def loss(batch: Batch, fraction: float) -> Loss:
+    def restore(batch: Batch) -> tuple[Tensor, Tensor, Tensor]:
         hazy, clear, t, prior = (x.to(device, memory_format=torch.channels_last) for x in batch)
         with autocast(config, device):
             restored = model(prior, torch.cat([hazy, prior], 1)) if config.prior else model(hazy)
-            return dehaze_loss(restored.float(), clear, t, config.visible_share, config.best_psnr_db), {}
+        return restored.float(), clear, t
+
+    def loss(batch: Batch, fraction: float) -> Loss:
+        return dehaze_loss(*restore(batch), config.visible_share, config.best_psnr_db), {}
+
+    def figures_of(batch: Batch) -> dict[str, float]:
+        return batch_figures(*restore(batch)[:2])
 
     measured = [make(k, held_out, None) for k in range(HELD_OUT_BATCHES)] if held_out else []
-    train(config, run, make_ahead(make, run.step, config.steps), loss, console, measured)
+    train(config, run, make_ahead(make, run.step, config.steps), loss, console, measured, figures_of)
     model.load_state_dict(run.ema)
     shape = {"unshuffle": 1} | getattr(model, "grid", {}) if config.shape is None else asdict(config.shape)
     network = {"name": config.network, **shape}
@@ -166,6 +180,15 @@ def train_dehaze(
     print_figures(console, figures, views.skipped | (held_out.skipped if held_out else {}))
     (out / "figures.json").write_text(json.dumps(figures, indent=1) + "\n")
     console.print(str(path))
+    return figures
+
+
+def batch_figures(restored: Tensor, clear: Tensor) -> dict[str, float]:
+    """Means of PSNR (dB) and SSIM over a batch (B, 3, H, W) in 0..1; SSIM where the crops hold its window."""
+    images = [[tensor_to_image(x[None].cpu().numpy()) for x in pair] for pair in zip(restored, clear, strict=True)]
+    figures = {"psnr_db": float(np.mean([min(psnr_db(a, b), BEST_PSNR_DB) for a, b in images]))}
+    if min(clear.shape[2:]) >= SSIM_WINDOW_PX:
+        figures["ssim"] = float(np.mean([ssim(a, b) for a, b in images]))
     return figures
 
 

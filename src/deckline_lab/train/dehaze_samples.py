@@ -20,6 +20,7 @@ from deckline.dehaze.veil import VeilDehazer
 from deckline.geometry import Camera
 from deckline.haze import add_haze, air_path, beta_from_visibility, scatter, transmission, world_rays
 from deckline.types import Frame
+from deckline_lab.datasets.tiles import tile_corners
 from deckline_lab.train.airlight import random_airlight
 from deckline_lab.train.clear_views import ClearView
 from deckline_lab.train.pair_views import PairView
@@ -188,6 +189,13 @@ def random_window(
     return slice(top, top + height), slice(left, left + width)
 
 
+def random_tile(size: tuple[int, int], tile_px: int, rng: np.random.Generator) -> tuple[slice, slice]:
+    """One of the paper's eight squares of an image of `size` (H, W), its side `tile_px`."""
+    corners = tile_corners(size[1], size[0], tile_px)
+    left, top = corners[rng.integers(0, len(corners))]
+    return slice(top, top + tile_px), slice(left, left + tile_px)
+
+
 def make_batch(
     views: Views[ClearView | PairView],
     batch: int,
@@ -196,16 +204,19 @@ def make_batch(
     seed: list[int],
     prior: bool,
     photographs: Views[ClearView] | None = None,
+    sub_images: bool = False,
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Hazy and clear (batch, 3, h, w) in 0..1, transmission (batch, 1, h, w), and the picture (batch, 3, h, w) that a
     network with a prior starts from. The same for the same seed, so a resumed run sees what it would have seen.
+    With `sub_images` the crops, square ones, are the paper's eight of a picture; else they lie anywhere.
     """
     rng = np.random.default_rng(seed)
     samples = []
     for _ in range(batch):
         is_photograph = photographs is not None and rng.random() < haze.photograph_share
         view = photographs.draw(rng) if photographs is not None and is_photograph else views.draw(rng)
-        window = random_window(view.clear_rgb.shape[:2], crop, haze.crop_scale, rng)
+        size = view.clear_rgb.shape[:2]
+        window = random_tile(size, crop[0], rng) if sub_images else random_window(size, crop, haze.crop_scale, rng)
         hazy, clear, t, prior_rgb = make_pair(view, window, haze, rng, prior)
         pictures = [image_to_tensor(image) for image in (hazy, clear, prior_rgb)]
         sample = torch.from_numpy(np.concatenate([*pictures, np.ascontiguousarray(t)[None, None]], axis=1))

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, Literal, TypeVar
 
@@ -32,7 +33,7 @@ MACHINE = (
 )  # settings of a recipe that a resumed run may change
 BUDGET = ("steps", "minutes", "cpu_minutes")
 CURVE_ROWS, CURVE_HELD_OUT = 100, 10  # of a training: points of the losses, and measurements on held-out batches
-HELD_OUT_BATCHES = 2
+HELD_OUT_BATCHES = 4
 
 Batch = TypeVar("Batch")
 Loss = tuple[Tensor, Mapping[str, float]]  # and its parts by name
@@ -117,6 +118,14 @@ def select_device(config: Recipe) -> torch.device:
     return torch.device("cuda" if config.device != "cpu" and torch.cuda.is_available() else "cpu")
 
 
+def is_finished(config: Recipe, folder: Path, weights: str) -> bool:
+    """Whether the folder holds the file `weights` of a training with this recipe that used its budget."""
+    progress = read_progress(folder)
+    if progress is None or not (folder / weights).is_file() or progress["recipe"] != config.identity():
+        return False
+    return config.fraction_done(progress["step"], progress["seconds"]) >= 1
+
+
 def open_run(config: Recipe, model: nn.Module, optimizer: torch.optim.Optimizer, out: Path) -> TrainingRun:
     """A new run, or the one whose checkpoint lies in `out`, of the same recipe; the recipe is written there."""
     recipe, progress = config.identity(), read_progress(out)
@@ -142,6 +151,7 @@ def train(
     loss: Callable[[Batch, float], Loss],
     console: Console,
     held_out: Sequence[Batch] = (),
+    figures: Callable[[Batch], Mapping[str, float]] = lambda _: {},
     now: Callable[[], float] = time.monotonic,
 ) -> None:
     """Steps until the budget is used. The run is saved every `checkpoint_minutes` and at the end, its curves as well.
@@ -150,6 +160,7 @@ def train(
         batches: of the steps from `run.step` on.
         loss: of a batch, at a share of the budget.
         held_out: batches of views that training does not see, whose loss is measured along the way.
+        figures: of a held-out batch besides its loss, by name.
         now: a clock, s; it decides when to save.
 
     Raises:
@@ -171,7 +182,7 @@ def train(
             run.step += 1
             run.seconds += clock() - last
             run.recent = {name: v + SMOOTHING * (run.recent.get(name, v) - v) for name, v in losses.items()}
-            _add_to_curves(curves, config, run, fraction, loss, held_out)
+            _add_to_curves(curves, config, run, fraction, partial(held_out_figures, run, held_out, loss, figures))
             last = clock()
             progress.update(bar, completed=fraction, description=f"step {run.step}, loss {run.recent['total']:.3f}")
             if now() - saved >= 60 * config.checkpoint_minutes:
@@ -194,10 +205,9 @@ def _add_to_curves(
     config: Recipe,
     run: TrainingRun,
     before: float,
-    loss: Callable[[Batch, float], Loss],
-    held_out: Sequence[Batch],
+    measure: Callable[[float], Mapping[str, float]],
 ) -> None:
-    """A row, at every hundredth of the budget that this step ended; at every tenth with the held-out loss."""
+    """A row, at every hundredth of the budget that this step ended; at every tenth with the held-out figures."""
     fraction = config.fraction_done(run.step, run.seconds)
 
     def passes(count: int) -> bool:
@@ -206,22 +216,27 @@ def _add_to_curves(
     if passes(CURVE_ROWS):
         rate = learning_rate(before, config.lr, config.lr_end, config.warm_up)
         row = {"step": run.step, "minutes": run.seconds / 60, "lr": rate, **run.recent}
-        if held_out and passes(CURVE_HELD_OUT):
-            row[HELD_OUT] = held_out_loss(run, held_out, loss, fraction)
+        if passes(CURVE_HELD_OUT):
+            row |= measure(fraction)
         curves.add(row)
 
 
 @torch.no_grad()
-def held_out_loss(
-    run: TrainingRun, batches: Sequence[Batch], loss: Callable[[Batch, float], Loss], fraction: float
-) -> float:
-    """Mean loss of the averaged weights; the run is left as it was."""
+def held_out_figures(
+    run: TrainingRun,
+    batches: Sequence[Batch],
+    loss: Callable[[Batch, float], Loss],
+    figures: Callable[[Batch], Mapping[str, float]],
+    fraction: float,
+) -> dict[str, float]:
+    """Mean loss and figures of the averaged weights, {} without batches; the run is left as it was."""
     weights = {name: value.clone() for name, value in run.model.state_dict().items()}
     with torch.random.fork_rng(enabled=True):
         run.model.load_state_dict(run.ema)
-        total = sum(float(loss(batch, fraction)[0]) for batch in batches)
+        rows = [{"": float(loss(batch, fraction)[0]), **figures(batch)} for batch in batches]
         run.model.load_state_dict(weights)
-    return total / len(batches)
+    names = dict.fromkeys(name for row in rows for name in row)
+    return {f"{HELD_OUT}_{name}".rstrip("_"): sum(row[name] for row in rows) / len(rows) for name in names}
 
 
 def print_figures(console: Console, figures: Mapping[str, float], skipped: Mapping[str, str]) -> None:

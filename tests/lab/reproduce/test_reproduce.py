@@ -6,41 +6,107 @@ import sys
 
 import pytest
 
+from clear_scene import hazy_recording
 from deckline.cli.main import main
+from deckline.recording.images import read_image
+from deckline_lab.evaluation import dehazers
 from deckline_lab.evaluation.tables import read_saved
-from deckline_lab.reproduce import paper_tables
-from deckline_lab.reproduce.paper_tables import DEHAZERS, DETECTORS, SAVED, with_paper_6
+from deckline_lab.reproduce import figures, runs, table4, table5, table6
+from deckline_lab.reproduce.command import SAVED
+from deckline_lab.reproduce.table6 import DETECTORS, with_paper_6
 
-TABLES = ("table4", "table5", "table6")
+SMALL = table4.RECIPE.replace("256", "48").replace("held_out = 0.02", "held_out = 0.1\nsteps = 2")
+FORMS = {"printed": ("full-t", "dehaze-former-t"), "coarse": ("coarse-t", "dehaze-former-t-coarse")}
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
+    """A folder of runs with the dataset of twelve and six small pairs."""
+    folder = tmp_path_factory.mktemp("runs")
+    for split, frames in (("train", 12), ("test", 6)):
+        hazy_recording(folder / "data" / split, frames)
+    return folder
 
 
 @pytest.fixture
-def commands(monkeypatch, tmp_path):
-    """What a run anew calls, each ending at once; the last one leaves figures behind."""
-    called = []
+def called(monkeypatch):
+    """The commands that a table calls, executed in this process; the dataset is there already."""
+    commands = []
 
     def run(*words, quiet=False):
-        called.append([str(word) for word in words])
-        if words[0] == "eval":
-            name = {"dehazing": "table4", "ablation": "table5", "localization": "table6"}[words[1]]
-            written = tmp_path / "table5" / "ablation.json" if name == "table5" else tmp_path / f"{name}.json"
-            written.parent.mkdir(exist_ok=True)
-            shutil.copy(SAVED / f"{name}.json", written)
+        commands.append([str(word) for word in words])
+        if words[0] != "dataset":
+            assert main(commands[-1]) == 0
 
-    monkeypatch.setattr(paper_tables, "run", run)
-    monkeypatch.setattr(paper_tables, "shrink_pairs", lambda recording, folder: folder)
-    return called
+    for module in (runs, table4, table5):
+        monkeypatch.setattr(module, "run", run)
+    return commands
 
 
-@pytest.mark.parametrize(
-    ("table", "figures"),
-    [("table4", ["30.18", "0.972", "29.11"]), ("table5", ["28.94", "30.18"]), ("table6", ["8.5456", "0.0559", "88.9"])],
-)
-def test_a_saved_table_stands_beside_the_papers_figures(table, figures, capsys):
+@pytest.mark.parametrize("table", ["table4", "table5", "table6"])
+def test_a_saved_table_is_printed(table, capsys):
     assert main(["reproduce", table]) == 0
     shown = capsys.readouterr().out
-    assert "Command: deckline eval" in shown and "What differs" in shown
-    assert all(figure in shown for figure in figures)
+    assert read_saved(SAVED / f"{table}.json").title.split(";")[0] in " ".join(shown.split())
+    assert "Command: deckline" in shown and "What differs" in shown
+
+
+def test_table_4_is_trained_measured_and_drawn_in_pieces(data, called, monkeypatch, capsys):
+    settings = {"RECIPE": SMALL, "FORMS": FORMS, "EVERY": 1, "COST_SIZE": (96, 64), "COST_RUNS": 1}
+    for name, value in settings.items():
+        monkeypatch.setattr(table4, name, value)
+    monkeypatch.setattr(dehazers, "run_in_process", dehazers.run_once)
+    command = ["reproduce", "table4", "--runs", str(data), "--minutes", "5", "--threads", "1"]
+    monkeypatch.setattr(sys, "argv", ["deckline", *command])
+    assert main(command) == 0
+    shown = capsys.readouterr().out
+    assert "training 4 of 4: dehaze-former-t-coarse" in shown
+    trained = [words[words.index("--network") + 1] for words in called if words[0] == "train"]
+    assert trained == [name for names in FORMS.values() for name in names]
+    saved = read_saved(data / "table4.json")
+    table = [dict(zip(saved.tables[0].columns, row, strict=True)) for row in saved.tables[0].rows]
+    assert [row["network"] for row in table] == ["hazy", *trained]
+    assert saved.command == f"deckline {' '.join(command)}"
+    for row in table[1:]:
+        assert row["steps"] == "2" and float(row["PSNR, dB"]) > 5 and float(row["ms"]) > 0
+        assert float(row["GMACs 1280x720"]) > 3 * float(row["GMACs 256x256"]) > 0
+        assert ("[" in row["to ours [95 %], dB"]) == row["network"].startswith("dehaze-former")
+    assert [row["paper, dB"] for row in table] == ["-", "30.18", "29.11", "-", "-"]
+    counts = {row["network"]: float(row["parameters"].split()[0]) for row in table[1:]}
+    saving = 100 * (counts["full-t"] / counts["dehaze-former-t"] - 1)
+    assert any(f"parameters {saving:+.1f}" in note and "-29.44" in note for note in saved.tables[0].notes)
+    assert read_image(data / "figures" / "figure12.jpg").shape == (6 * 240, 4 * 360, 3)
+    assert (data / "figures" / "figure11.png").read_bytes().startswith(b"\x89PNG")
+    called.clear()
+    assert main(command) == 0
+    assert capsys.readouterr().out.count("finished before") == 4
+    assert [words[0] for words in called] == ["dataset"]
+
+
+def test_table_5_trains_every_row_with_every_seed_for_the_same_steps(data, called, monkeypatch, capsys):
+    monkeypatch.setattr(table5, "SEEDS", (3,))
+    monkeypatch.setattr(table5, "SUB_IMAGE_PX", 48)
+    command = ["reproduce", "table5", "--runs", str(data)]
+    assert main([*command, "--minutes", "0.02", "--threads", "1"]) == 0
+    shown = capsys.readouterr().out
+    assert "training 5 of 5: + haze drawn anew (ours), seed 3" in shown
+    rows = read_saved(data / "table5.json").tables[0]
+    steps, paper = rows.columns.index("steps"), rows.columns.index("paper, dB")
+    assert [row[steps] for row in rows.rows] == ["-", *["2"] * 5]
+    assert [row[paper] for row in rows.rows] == ["-", "28.94", "29.46", "30.10", "30.18", "-"]
+    called.clear()
+    assert main(command) == 0
+    assert shown.endswith(capsys.readouterr().out) and not called
+
+
+def test_flights_are_neighbours_of_one_visibility(tmp_path):
+    visibilities = (900.0, 900.0, 400.0, 900.0)
+    frames = [
+        {"file": f"{k}h.png", "pair_of": f"{k}c.png", "visibility_m": metres} for k, metres in enumerate(visibilities)
+    ]
+    (tmp_path / "labels.json").write_text(json.dumps({"frames": frames}))
+    pairs = figures.PairSource("", tuple(frame["file"] for frame in frames), lambda key: None)
+    assert figures.find_flights(tmp_path, pairs) == [["2h.png"], ["0h.png", "1h.png"], ["3h.png"]]
 
 
 def test_the_papers_improvement_is_computed_from_its_errors():
@@ -52,34 +118,28 @@ def test_the_papers_improvement_is_computed_from_its_errors():
     assert float(paper["intercept left"]) == pytest.approx(80.0, abs=0.05)
 
 
-@pytest.mark.parametrize(("table", "networks"), [("table4", DEHAZERS), ("table6", DETECTORS)])
-def test_a_table_made_anew_trains_every_network_for_the_same_minutes(table, networks, commands, tmp_path, capsys):
-    assert main(["reproduce", table, "--runs", str(tmp_path), "--minutes", "3"]) == 0
-    trained = [command for command in commands if command[0] == "train"]
-    assert [command[command.index("--network") + 1] for command in trained] == list(networks)
+def test_table_6_trains_every_network_for_the_same_minutes(monkeypatch, tmp_path):
+    called = []
+
+    def run(*words, quiet=False):
+        called.append([str(word) for word in words])
+        if words[0] == "eval":
+            shutil.copy(SAVED / "table6.json", tmp_path)
+
+    monkeypatch.setattr(table6, "run", run)
+    assert main(["reproduce", "table6", "--runs", str(tmp_path), "--minutes", "3"]) == 0
+    trained = [command for command in called if command[0] == "train"]
+    assert [command[command.index("--network") + 1] for command in trained] == list(DETECTORS)
     assert all(command[command.index("--minutes") + 1] == "3.0" for command in trained)
-    assert commands[0][0] in ("dataset", "sim")
-    files = [str(tmp_path / table / name) for name in networks]
-    assert all(any(word.startswith(file) for word in commands[-1]) for file in files)
-    assert "What differs" in capsys.readouterr().out
-
-
-def test_the_ablation_made_anew_is_printed_again_without_training(commands, tmp_path, capsys):
-    assert main(["reproduce", "table5", "--runs", str(tmp_path), "--minutes", "0.5"]) == 0
-    first = capsys.readouterr().out
-    count = len(commands)
-    assert main(["reproduce", "table5", "--runs", str(tmp_path)]) == 0
-    assert capsys.readouterr().out == first
-    assert len(commands) == count
 
 
 def test_wrong_use_is_one_line(tmp_path, capsys):
-    runs = ["--runs", str(tmp_path)]
+    folder = ["--runs", str(tmp_path)]
     assert main(["reproduce", "table4", "--minutes", "3"]) == 2
-    assert main(["reproduce", "table4", *runs, "--minutes", "0"]) == 2
-    assert main(["reproduce", "table4", *runs]) == 2
+    assert main(["reproduce", "table4", *folder, "--minutes", "0"]) == 2
+    assert main(["reproduce", "table4", *folder]) == 2
     (tmp_path / "table4.json").write_text(json.dumps({"rows": []}))
-    assert main(["reproduce", "table4", *runs]) == 2
+    assert main(["reproduce", "table4", *folder]) == 2
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 4
     words = (["--minutes 3", "--runs"], ["--minutes 0"], ["table4.json", "--minutes"], ["table4.json", "--json"])
@@ -89,5 +149,5 @@ def test_wrong_use_is_one_line(tmp_path, capsys):
 def test_a_command_that_fails_ends_with_its_code(monkeypatch):
     monkeypatch.setattr(sys, "executable", "/bin/false")
     with pytest.raises(SystemExit) as ended:
-        paper_tables.run("info")
+        runs.run("info")
     assert ended.value.code == 1

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 import torch
 
-from clear_scene import clear_frame, clear_recording
+from clear_scene import QUICK, clear_frame, clear_recording, pair_folder
 from deckline.dehaze.pixel_map import linear_levels
 from deckline.geometry import Camera, camera_mount
 from deckline.haze import beta_from_visibility, transmission
+from deckline_lab.datasets.tiles import tile_corners
 from deckline_lab.evaluation.metrics import psnr_db
 from deckline_lab.train.airlight import random_airlight
 from deckline_lab.train.clear_views import ClearView, lowest_z, make_clear_view
@@ -22,6 +23,7 @@ from deckline_lab.train.dehaze_samples import (
     geometry_prior,
     make_batch,
     make_pair,
+    random_tile,
     random_window,
 )
 from deckline_lab.train.pair_views import PairView, open_clear_views
@@ -142,6 +144,30 @@ def test_windows_fit() -> None:
             rows, columns = random_window(size, (48, 64), (0.5, 2.0), rng(seed))
             assert 0 <= rows.start < rows.stop <= size[0]
             assert 0 <= columns.start < columns.stop <= size[1]
+
+
+def test_sub_images_are_the_papers_eight_squares(tmp_path: Path) -> None:
+    drawn = {(w[0].start, w[1].start) for w in (random_tile((360, 640), 256, rng(k)) for k in range(200))}
+    assert drawn == {(top, left) for top in (0, 104) for left in (0, 128, 256, 384)}
+    views = open_clear_views([pair_folder(tmp_path, pairs=3)], 640, 0.0)
+    haze = HazeAugmentation(noise_share=0.0, flip_horizontal=0.0)
+    hazy, clear, *_ = make_batch(views, 6, (48, 48), haze, [0, 0], False, sub_images=True)
+    corners = tile_corners(96, 64, 48)
+    possible = {
+        tuple(image[top : top + 48, left : left + 48].tobytes() for image in (view.hazy_rgb, view.clear_rgb))
+        for view in (views[k] for k in range(3))
+        for left, top in corners
+    }
+    for pair in zip(hazy, clear, strict=True):
+        assert tuple((255 * x).round().byte().permute(1, 2, 0).numpy().tobytes() for x in pair) in possible
+
+
+def test_sub_images_are_squares_that_fit(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"crop_height 48.*crop_width 64"):
+        replace(QUICK, sub_images=True)
+    views = open_clear_views([pair_folder(tmp_path, pairs=1)], 640, 0.0)
+    with pytest.raises(ValueError, match=r"65.*96x64"):
+        make_batch(views, 1, (65, 65), HazeAugmentation(), [0, 0], False, sub_images=True)
 
 
 def test_batches_repeat_for_the_same_seed(tmp_path: Path) -> None:

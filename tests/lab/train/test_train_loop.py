@@ -12,7 +12,15 @@ from clear_scene import interrupting
 from deckline.config_file import read_config
 from deckline_lab.train import loop
 from deckline_lab.train.curves import CSV_FILE, PICTURE_FILE, Curves, read_curves
-from deckline_lab.train.loop import Recipe, TrainingRun, held_out_loss, learning_rate, open_run, train, update_average
+from deckline_lab.train.loop import (
+    Recipe,
+    TrainingRun,
+    held_out_figures,
+    learning_rate,
+    open_run,
+    train,
+    update_average,
+)
 
 RECIPE = Recipe(steps=6, batch=1)
 LONG = Recipe(steps=40, batch=1)  # each step is a hundredth of the budget or more: a row of the curves
@@ -138,8 +146,12 @@ def test_the_held_out_loss_is_that_of_the_averaged_weights_and_changes_nothing(t
     before = {name: value.clone() for name, value in run.model.state_dict().items()}
     rng = torch.random.get_rng_state()
     batch = make(7)
-    found = held_out_loss(run, [batch], lambda b, _: ((run.model(b) - b.sum(1, keepdim=True)).square().mean(), {}), 0.5)
-    assert found == pytest.approx(float(batch.sum(1).square().mean()))
+
+    def loss(b: torch.Tensor, _: float) -> tuple[torch.Tensor, dict[str, float]]:
+        return (run.model(b) - b.sum(1, keepdim=True)).square().mean(), {}
+
+    found = held_out_figures(run, [batch], loss, lambda b: {"norm": float(run.model(b).norm())}, 0.5)
+    assert found == {"held_out": pytest.approx(float(batch.sum(1).square().mean())), "held_out_norm": 0.0}
     torch.testing.assert_close(run.model.state_dict(), before, rtol=0, atol=0)
     assert torch.equal(torch.random.get_rng_state(), rng)
 

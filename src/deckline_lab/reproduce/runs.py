@@ -1,0 +1,51 @@
+"""Commands and folders that the tables share."""
+
+import json
+import math
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+from deckline.extras import needs_extra
+from deckline_lab.labels.lines import LABELS_FILE
+
+
+def make_data(runs: Path) -> Path:
+    """`runs`/data, the paper's dataset: a test and a training part; `deckline dataset` goes on where it stopped."""
+    run("dataset", runs / "data", "--views", "landing", "--one-scene", "--no-tiles", "--jobs", 0)
+    return runs / "data"
+
+
+def shrink_pairs(recording: Path, folder: Path) -> Path:
+    """`folder` with the recording's pairs averaged down by two, as a coarse network sees them: loading takes little."""
+    with needs_extra("train"):
+        from deckline.report.draw import write_picture
+        from deckline_lab.evaluation.dehazing_pairs import open_pairs
+        from deckline_lab.train.dehaze import DehazeTrainConfig
+        from deckline_lab.train.pair_views import make_pair_view
+    if not (folder / LABELS_FILE).exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        pairs, entries = open_pairs(recording), []
+        for key in pairs.keys:
+            pair, stem = pairs.load(key), f"{int(key):03d}"
+            view = make_pair_view(pair, DehazeTrainConfig.working_long_side_px)
+            for name, picture in (("hazy", view.hazy_rgb), ("clear", view.clear_rgb)):
+                write_picture(folder / f"{stem}-{name}.png", picture)
+            names = {"file": f"{stem}-hazy.png", "pair_of": f"{stem}-clear.png"}
+            entries.append(names | ({} if math.isnan(pair.visibility_m) else {"visibility_m": pair.visibility_m}))
+        (folder / LABELS_FILE).write_text(json.dumps({"frames": entries}))
+    return folder
+
+
+def run(*words: object, quiet: bool = False) -> None:
+    """Print and run a deckline command; `quiet` drops its tables.
+
+    Raises:
+        SystemExit: its exit code, where it fails; it has printed the reason.
+    """
+    command = ["deckline", *map(str, words)]
+    print(shlex.join(command), flush=True)
+    output = subprocess.DEVNULL if quiet else None
+    if code := subprocess.run([sys.executable, "-m", *command], check=False, stdout=output).returncode:
+        raise SystemExit(code)
