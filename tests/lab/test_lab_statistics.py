@@ -3,7 +3,13 @@ import pytest
 from scipy.stats import binom
 
 from deckline.report.bands import RANGE_M, by_band
-from deckline_lab.statistics import consistency, median_and_p95, paired_difference, share_interval
+from deckline_lab.statistics import (
+    consistency,
+    difference_of_trainings,
+    median_and_p95,
+    paired_difference,
+    share_interval,
+)
 
 
 def test_the_interval_of_normal_differences_is_that_of_the_mean():
@@ -79,3 +85,29 @@ def test_frames_of_one_run_do_not_narrow_the_interval():
     few, many = (consistency([[float(v)] * count for v in shared], 3, np.random.default_rng(2)) for count in (1, 50))
     assert many.high - many.low == pytest.approx(few.high - few.low, rel=1e-9)
     assert np.isnan(consistency([[1.0] * 9], 3, np.random.default_rng(0)).low)
+
+
+def test_the_interval_of_trainings_holds_the_spread_of_images_and_trainings():
+    # The images are the same for both methods, so the trainings alone differ: var = 2 sigma_training^2 / T.
+    rng = np.random.default_rng(3)
+    covered, widths = 0, []
+    for _ in range(200):
+        images = rng.normal(30, 5, 40)
+        ours, theirs = (images + rng.normal(0, 0.5, (6, 1)) for _ in range(2))
+        difference = difference_of_trainings(ours, theirs, rng)
+        assert difference.value == pytest.approx(ours.mean() - theirs.mean())
+        covered += difference.low <= 0 <= difference.high
+        widths.append(difference.high - difference.low)
+    assert 0.88 <= covered / 200 <= 0.98
+    assert np.mean(widths) == pytest.approx(2 * 1.96 * np.sqrt(2 * 0.5**2 / 6), rel=0.12)
+
+
+def test_a_single_training_has_the_interval_of_its_images():
+    rng = np.random.default_rng(4)
+    theirs = rng.normal(30, 5, 60)
+    ours = theirs + rng.normal(0.4, 0.3, 60)
+    alone = difference_of_trainings(ours[None], theirs[None], np.random.default_rng(0))
+    paired = paired_difference(ours - theirs, np.random.default_rng(0))
+    assert [alone.value, alone.low, alone.high] == pytest.approx([paired.value, paired.low, paired.high], abs=0.01)
+    with pytest.raises(ValueError, match=r"\(1, 60\).*\(1, 59\)"):
+        difference_of_trainings(ours[None], theirs[None, 1:], rng)

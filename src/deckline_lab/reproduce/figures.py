@@ -16,8 +16,12 @@ from deckline_lab.evaluation.pictures import tiles_of
 from deckline_lab.labels.lines import LABELS_FILE
 from deckline_lab.train.curves import read_curves
 
-PANELS = {"held_out_psnr_db": "PSNR, dB", "held_out_ssim": "SSIM", "total": "loss (PSNRLoss), dB"}
-SHOWN = 3  # frames of a sequence
+PANELS = {
+    "held_out_psnr_db": "PSNR of held-out crops, dB",
+    "held_out_ssim": "SSIM of held-out crops",
+    "total": "loss (PSNRLoss), dB",
+}
+SHOWN = 3  # frames of a sequence, of its last two thirds: in the first one no ship is in sight
 AT = (0.25, 0.75)  # of the flights, from the densest haze to the thinnest: the two that are shown
 
 
@@ -65,7 +69,7 @@ def draw_sequences(folder: Path, files: Mapping[str, Sequence[Path]], paths: tup
     dehazers = {form: {file.parent.name: OnnxDehazer(file) for file in these} for form, these in files.items()}
     for share, path in zip(AT, paths, strict=True):
         flight = flights[round(share * (len(flights) - 1))]
-        keys = [flight[k] for k in np.linspace(0, len(flight) - 1, SHOWN).round().astype(int)]
+        keys = [flight[k] for k in np.linspace(len(flight) // 3, len(flight) - 1, SHOWN).round().astype(int)]
         rows = [np.concatenate(tiles_of(pairs.load(key), form), axis=1) for form in dehazers.values() for key in keys]
         path.parent.mkdir(parents=True, exist_ok=True)
         write_picture(path, np.concatenate(rows))

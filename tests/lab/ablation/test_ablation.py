@@ -167,7 +167,7 @@ def test_pictures_without_haze_are_no_pairs(tmp_path: Path) -> None:
     [
         ([], r"--minutes.*--steps"),
         (["--steps", "0"], r"steps.*0"),
-        (["--steps", "1", "--every", "0"], r"--every.*0"),
+        (["--steps", "1", "--every", "0"], r"every.*0"),
         (["--steps", "1", "--recorded-share", "2"], r"recorded_share.*2"),
         (["--steps", "1", "--seeds", "3", "3"], r"seeds.*3, 3"),
     ],
