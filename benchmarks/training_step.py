@@ -152,6 +152,7 @@ def peak_memory_gb(device: torch.device) -> float:
 def measure_batch(config: DehazeTrainConfig, repeats: int = 5) -> float:
     """Processor time to make one batch of cached recorded views, s."""
     (height, width), rng = PICTURE_PX, np.random.default_rng(0)
+    crop = (config.crop_height, config.crop_width)
     clear, hazy = rng.integers(0, 256, (2, height, width, 3), np.uint8)
     ranges = rng.uniform(60, 800, (height, width)).astype(np.float16)
     view = ClearView(clear, ranges, None, Camera.from_fov(width, height, np.pi / 2), hazy_rgb=hazy, visibility_m=900.0)
@@ -159,7 +160,7 @@ def measure_batch(config: DehazeTrainConfig, repeats: int = 5) -> float:
     views, times_s = Views({path: (1, lambda index: view)}, [path], held_out=0.0, train=True), []
     for step in range(repeats):
         start_s = time.thread_time()
-        make_batch(views, config.batch, (config.crop_height, config.crop_width), config.haze, [0, step], config.prior)
+        make_batch(views, config.batch, crop, config.haze, [0, step], config.prior, sub_images=config.sub_images)
         times_s.append(time.thread_time() - start_s)
     return statistics.median(times_s)
 

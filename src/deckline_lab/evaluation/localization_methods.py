@@ -52,10 +52,8 @@ def methods_of(config: RunConfig, rivals: Sequence[str]) -> list[Method]:
         ValueError: two detectors that would have one name.
     """
     single, models = single_frames(config), config.models
-    chains = {
-        HAZY: replace(models, dehazer=NOT_DEHAZED, detect_in="hazy"),
-        DEHAZED: replace(models, detect_in="dehazed"),
-    }
+    chains = {DEHAZED: replace(models, detect_in="dehazed")}
+    chains[HAZY] = replace(models, dehazer=NOT_DEHAZED, detect_in="hazy")
     named: dict[str, str] = {}
     for each in (*rivals, models.detector):
         if named.setdefault(detector_label(each), each) != each:

@@ -5,8 +5,12 @@ import math
 import shlex
 import subprocess
 import sys
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
+from typing import Any, Literal
 
+from deckline.config_file import read_config
 from deckline.extras import needs_extra
 from deckline_lab.labels.lines import LABELS_FILE
 
@@ -36,6 +40,42 @@ def shrink_pairs(recording: Path, folder: Path) -> Path:
             entries.append(names | ({} if math.isnan(pair.visibility_m) else {"visibility_m": pair.visibility_m}))
         (folder / LABELS_FILE).write_text(json.dumps({"frames": entries}))
     return folder
+
+
+def train_networks(
+    what: Literal["dehaze", "detect"],
+    data: Path,
+    out: Path,
+    networks: Mapping[str, str],
+    recipe: str,
+    minutes: float,
+    threads: int,
+) -> dict[str, Path]:
+    """Train every network that is not finished in `out`/<name>, in order; the same call goes on.
+
+    Args:
+        networks: what `deckline train` calls them, by name.
+        recipe: of all of them, TOML.
+
+    Returns:
+        The .onnx file of each, by name.
+    """
+    with needs_extra("train"):
+        from deckline_lab.train.dehaze import DehazeTrainConfig
+        from deckline_lab.train.detect import DetectTrainConfig
+        from deckline_lab.train.loop import is_finished
+    out.mkdir(parents=True, exist_ok=True)
+    file = out / "recipe.toml"
+    file.write_text(recipe)
+    base: Any = read_config({"dehaze": DehazeTrainConfig, "detect": DetectTrainConfig}[what], file)
+    for k, (name, network) in enumerate(networks.items(), 1):
+        print(f"training {k} of {len(networks)}: {name}", flush=True)
+        if is_finished(replace(base, network=network, minutes=minutes), out / name, f"{what}.onnx"):
+            print("finished before", flush=True)
+        else:
+            budget = ("--recipe", file, "--minutes", minutes, "--threads", threads)
+            run("train", what, data, "--network", network, "--out", out / name, *budget)
+    return {name: out / name / f"{what}.onnx" for name in networks}
 
 
 def run(*words: object, quiet: bool = False) -> None:

@@ -25,6 +25,7 @@ from deckline_lab.train.loop import (
     HELD_OUT_BATCHES,
     Loss,
     Recipe,
+    TrainingRun,
     autocast,
     build_network,
     open_run,
@@ -37,6 +38,7 @@ from deckline_lab.train.photographs import open_photographs
 from deckline_lab.train.start import start_with
 from deckline_lab.train.view_sets import Views, make_ahead
 
+ONNX_FILE = "dehaze.onnx"
 Batch = tuple[Tensor, Tensor, Tensor, Tensor]  # hazy, clear, transmission, prior
 BEST_LOSS_PSNR_DB = 50.0  # better than that earns nothing, or the clear images would outweigh the hazy ones
 VALIDATION_VISIBILITY_M = (500.0, 3000.0)  # uniform; the range that the project's mark is set for
@@ -172,14 +174,22 @@ def train_dehaze(
 
     measured = [make(k, held_out, None) for k in range(HELD_OUT_BATCHES)] if held_out else []
     train(config, run, make_ahead(make, run.step, config.steps), loss, console, measured, figures_of)
-    model.load_state_dict(run.ema)
-    shape = {"unshuffle": 1} | getattr(model, "grid", {}) if config.shape is None else asdict(config.shape)
-    network = {"name": config.network, **shape}
-    path = export_dehaze(model, out / "dehaze.onnx", network, config.working_long_side_px, run.recipe, run.step)
-    figures = validate(model, held_out, config.seed, config.prior) if held_out else {}
+    figures = _finish(config, run, held_out)
     print_figures(console, figures, views.skipped | (held_out.skipped if held_out else {}))
-    (out / "figures.json").write_text(json.dumps(figures, indent=1) + "\n")
-    console.print(str(path))
+    console.print(str(out / ONNX_FILE))
+    return figures
+
+
+def _finish(
+    config: DehazeTrainConfig, run: TrainingRun, held_out: Views[ClearView | PairView] | None
+) -> dict[str, float]:
+    """Export the averaged weights, and measure them on held-out views."""
+    run.model.load_state_dict(run.ema)
+    shape = {"unshuffle": 1} | getattr(run.model, "grid", {}) if config.shape is None else asdict(config.shape)
+    network, path = {"name": config.network, **shape}, run.out / ONNX_FILE
+    export_dehaze(run.model, path, network, config.working_long_side_px, run.recipe, run.step)
+    figures = validate(run.model, held_out, config.seed, config.prior) if held_out else {}
+    (run.out / "figures.json").write_text(json.dumps(figures, indent=1) + "\n")
     return figures
 
 

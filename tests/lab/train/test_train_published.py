@@ -31,12 +31,14 @@ def test_values_are_those_of_the_paper() -> None:
     assert rates == pytest.approx([5e-4, (5e-4 + 1e-7) / 2, 1e-7])
 
 
-def test_batches_are_the_recorded_pairs_flipped(tmp_path: Path) -> None:
+def test_batches_are_squares_of_the_recorded_pairs_flipped(tmp_path: Path) -> None:
     views = open_clear_views([hazy_recording(tmp_path, frames=1)], PUBLISHED.working_long_side_px, PUBLISHED.held_out)
-    hazy, clear, *_ = make_batch(views, 24, (64, 96), PUBLISHED.haze, [PUBLISHED.seed, 0], PUBLISHED.prior)
+    seed = [PUBLISHED.seed, 0]
+    batch = make_batch(views, 200, (48, 48), PUBLISHED.haze, seed, PUBLISHED.prior, sub_images=PUBLISHED.sub_images)
+    samples = (255 * torch.cat(batch[:2], 1)).round().to(torch.uint8).permute(0, 2, 3, 1).contiguous()
     pair = np.concatenate([hazy_frame(0).image_rgb, clear_frame(0).image_rgb], axis=2)
-    flips = {pair[::rows, ::columns].tobytes() for rows in (1, -1) for columns in (1, -1)}
-    samples = (255 * torch.cat([hazy, clear], 1)).round().to(torch.uint8).permute(0, 2, 3, 1).contiguous()
+    squares = [pair[y : y + 48, x : x + 48] for y in (0, 16) for x in (0, 16, 32, 48)]
+    flips = {square[::rows, ::columns].tobytes() for square in squares for rows in (1, -1) for columns in (1, -1)}
     assert {sample.numpy().tobytes() for sample in samples} == flips
 
 
