@@ -33,6 +33,10 @@ class Method:
     def tracked(self) -> bool:
         return self.config.tracking.enabled
 
+    def fly(self) -> Flight:
+        """A flight with models of its own."""
+        return flight_from_config(self.config, localizer=self.localizer)
+
 
 HAZY, DEHAZED, PAPERS, EXACT = "hazy", "dehazed", "paper's", "exact pose"  # words of which a row's name is made
 SHIPPED = "as shipped, tracked"

@@ -1,16 +1,21 @@
 """The paper's Table 6: the runway lines in haze, without and with dehazing, of ours and its rivals."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from deckline_lab.evaluation.tables import MISSING, Table
+from deckline.config import Models, RunConfig
+from deckline_lab.evaluation.localization_methods import DEHAZED, HAZY, PAPERS, methods_of
+from deckline_lab.evaluation.tables import MISSING, Table, read_saved, write_json
 from deckline_lab.reproduce import table4
+from deckline_lab.reproduce.line_figures import draw_lines
 from deckline_lab.reproduce.runs import make_data, run, shrink_pairs, train_networks
 
 DETECTORS = {"ufld": "ufld-lite0", "resa": "resa-lite0", "sad": "sad-lite0", "ours": "hybrid"}  # row: network
 DEHAZER = "coarse-t"  # the paper's layers behind our coarse grid, as Table 4 trains them
 APPROACHES = 10  # as in the paper
+AIR = ("clear", "300..3000")  # visibility, m, in which decks are looked for; the dataset's haze
+DECKS, EMPTY, SEED = 100, 60, 1000
 # Of the backbone the strides 16 and 32 are trained, which auxiliary branch and distillation need and which cost least.
 # Close crops, light, colour, noise and thin haze alone: what all four heads can learn from 421 pictures.
 RECIPE = """batch = 8
@@ -82,8 +87,30 @@ def make_table6(runs: Path, path: Path, minutes: float, threads: int) -> None:
     detectors = train_networks("detect", data / "train", out, DETECTORS, RECIPE, minutes, threads)
     pairs = shrink_pairs(data / "train", runs / "pairs" / "train")
     dehazers = train_networks("dehaze", pairs, runs / "table4", {DEHAZER: DEHAZER}, table4.RECIPE, minutes, threads)
+    measured = out / f"{minutes:g}min"
+    decks = [find_decks(detectors, dehazers[DEHAZER], air, measured) for air in AIR]
+    flown = measured / "localization.json"
     *rivals, ours = detectors.values()
     models = ("--rival", *rivals, "--detector", ours, "--dehazer", dehazers[DEHAZER])
     unit = ("--grade", "good", "--sea-state", 0)  # the errors of the vision, not of the navigation unit
-    made = ("--approaches", APPROACHES, "--out", out / f"flights-{minutes:g}min", "--json", path)
+    made = ("--approaches", APPROACHES, "--out", measured / "flights", "--json", flown)
     run("eval", "localization", *models, *unit, *made, quiet=True)
+    saved = read_saved(flown)
+    title = f"{saved.title}; {minutes:g} minutes of one core for each network"
+    write_json(path, title, [*with_paper_6(saved.tables), *decks], {})
+    single = RunConfig(models=Models(str(dehazers[DEHAZER]), str(ours)))
+    methods = {method.name: method for method in methods_of(single, [str(file) for file in rivals])}
+    flights = {
+        name: (methods[f"{name}, {HAZY}, {PAPERS}"].fly(), methods[f"{name}, {DEHAZED}, {PAPERS}"].fly())
+        for name in DETECTORS
+    }
+    draw_lines(data / "test", flights, (runs / "figures" / "figure14.png", runs / "figures" / "figure15.png"))
+
+
+def find_decks(detectors: Mapping[str, Path], dehazer: Path, air: str, out: Path) -> Table:
+    """How many fresh decks of the paper's ship each detector finds, and how often it sees one where there is none."""
+    file = out / f"decks-{air.replace('..', '-')}.json"
+    models = ("--detector", *detectors.values(), "--dehazer", "none", *(() if air == "clear" else (dehazer,)))
+    decks = ("--preset", "paper", "--frames", DECKS, "--deckless", EMPTY, "--visibility", air, "--seed", SEED)
+    run("eval", "detectors", *models, *decks, "--out", out / "decks", "--json", file, quiet=True)
+    return replace(read_saved(file).tables[0], title=f"{DECKS} decks from 60 to 800 m, visibility {air}")
