@@ -88,8 +88,9 @@ REQUIREMENTS = (  # public figures
 def localization_tables(scores: Scores, methods: Sequence[Method]) -> list[Table]:
     """Every table, of the methods in their order."""
     tracked = [method.name for method in methods if method.tracked]
-    tables = [table_6(scores), improvements(scores), dehazing_gains(scores), usable_table(scores)]
-    tables.append(_pilot_table("pilot, all frames", scores))
+    gains = dehazing_gains(scores)
+    tables = [table_6(scores), improvements(scores), *([gains] if gains.rows else [])]
+    tables += [usable_table(scores), _pilot_table("pilot, all frames", scores)]
     for name in tracked:
         for what, bands in {"range to the ramp": by_range, "visibility": by_visibility}.items():
             tables.append(_pilot_table(f"pilot, {name}, by {what}", bands(scores[name])))

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import RigidTransform
 
 from approach_scene import chain, frame
 from deckline.cli.main import main
@@ -23,7 +24,7 @@ from deckline_lab.evaluation.localization_score import score_approach
 from deckline_lab.evaluation.tables import OutputFiles
 
 OPTIONS = RunOptions(grade="good", sea_state=0.0, dehazer="none", detector="classical")
-METHODS = methods_of(OPTIONS.run_config(), "classical")
+METHODS = methods_of(OPTIONS.run_config(), ("classical",))
 BENCH = replace(point_bench(METHODS, PointNoise()), settings={"made": "with"}, correlation=0.0)
 FRAMES = 6
 SHORT = ("--points", "--frames", "5", "--range-m", "150", "60", "--visibility", "clear", "--grade", "good")
@@ -62,8 +63,10 @@ def test_only_tracked_rows_ride_out_blind_frames():
 
 def test_only_the_joint_estimator_without_a_track_is_held_to_the_bound():
     scores = score_all()
-    assert {score.method for score in scores if "bound.lateral_m" in score.figures} == {"dehazed, ours"}
-    known = next(score.figures for score in scores if score.method == "dehazed, ours")
+    assert {score.method for score in scores if "bound.lateral_m" in score.figures} == {
+        f"classical, {seen}, ours" for seen in ("hazy", "dehazed")
+    }
+    known = next(score.figures for score in scores if score.method == "classical, dehazed, ours")
     assert 0 < known["bound.heading_deg"] < 1.1 * known["centre.heading_sigma_deg"]
     assert 0 < known["bound.height_m"] < 1.1 * known["centre.height_sigma_m"]
 
@@ -88,7 +91,7 @@ def run_command(tmp_path, monkeypatch, rendered, **changes) -> Path:
     monkeypatch.setattr("deckline_lab.evaluation.localization.fly", fly)
     flights = FlightsConfig(frames=FRAMES, options=OPTIONS)
     out = tmp_path / "out"
-    config = LocalizationConfig(approaches=2, flights=flights, ufld="classical", out=out)
+    config = LocalizationConfig(approaches=2, flights=flights, rival=("classical",), out=out)
     assert localization(replace(config, **changes)) == 0
     return out
 
@@ -98,13 +101,13 @@ def test_the_command_writes_tables_scores_and_pictures_and_resumes(tmp_path, cap
     out = run_command(tmp_path, monkeypatch, rendered, output=files)
     printed = capsys.readouterr().out
     assert "Table 6" in printed
-    assert json.loads((tmp_path / "figures.json").read_text())["dehazed, ours.found.left"] == 1.0
+    assert json.loads((tmp_path / "figures.json").read_text())["classical, dehazed, ours.found.left"] == 1.0
     assert "| true | left | - |" in (tmp_path / "tables.md").read_text()
     with (out / "localization.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 2 * FRAMES * len(METHODS)
     assert float(rows[0]["true_slope.left"]) == 0.0
-    assert (out / "figures" / "dehazed-ours-tracked.png").stat().st_size > 10_000
+    assert (out / "figures" / "classical-dehazed-ours-tracked.png").stat().st_size > 10_000
     scores = out / "localization.jsonl"
     lines = scores.read_text().splitlines()
     scores.write_text("\n".join(lines[:2]) + "\n" + lines[2][:99])
@@ -171,27 +174,54 @@ def test_single_rows_of_one_configuration_share_detections_and_tracked_rows_dete
     views = ((at, None) for at, _ in sightings())
     assert len(list(score_approach(views, 0, METHODS, replace(BENCH, start=start)))) == FRAMES
     calls = {name: len(detector.calls) for name, detector in detectors.items()}
-    shared = {"dehazed, ours": 0}
+    shared = {f"classical, {seen}, ours": 0 for seen in ("hazy", "dehazed")}  # of the paper's estimator's rows
     assert calls == dict.fromkeys(detectors, FRAMES) | shared
 
 
 def test_tracked_rows_fly_a_searching_detector():
-    methods = methods_of(replace(OPTIONS, detector="hybrid").run_config(), "classical")
+    methods = methods_of(replace(OPTIONS, detector="hybrid").run_config(), ("classical",))
     bench = load(methods)
     tracked = [bench.start(method) for method in methods if method.tracked]
-    assert len(tracked) == 2 and all(isinstance(flight.detector, SearchingDetector) for flight in tracked)
+    assert len(tracked) == 3 and all(isinstance(flight.detector, SearchingDetector) for flight in tracked)
 
 
-def test_the_first_row_is_what_improvements_refer_to():
-    methods = methods_of(RunConfig(), "clear.onnx", ("runs/resa/detect.onnx", "sad.onnx"))
-    first = methods[0]
-    assert first.config.models == Models("none", "clear.onnx", "hazy")
+def test_every_detector_flies_without_and_with_dehazing_and_nothing_else_differs():
+    rivals = ("ufld.onnx", "runs/resa/detect.onnx")
+    rows = {method.name: method for method in methods_of(replace(OPTIONS, detector="hybrid").run_config(), rivals)}
+    first = next(iter(rows.values()))
+    assert (first.name, first.config.models) == ("ufld, hazy, paper's", Models("none", "ufld.onnx", "hazy"))
     assert not first.tracked and first.localizer is not localize
-    assert [method.name for method in methods[1:3]] == ["resa, hazy, paper's", "sad, hazy, paper's"]
-    assert len({method.name for method in methods}) == len(methods)
-    assert methods[-1].config.models == replace(RunConfig().models, dehazer="none", detect_in="hazy")
+    pairs = [(row, rows[name.replace("hazy", "dehazed")]) for name, row in rows.items() if "hazy" in name]
+    assert len(pairs) == 6 and len(rows) == 13
+    for hazy, dehazed in pairs:
+        models = replace(dehazed.config.models, dehazer="none", detect_in="hazy")
+        assert dehazed.config.models.detect_in == "dehazed"
+        assert hazy == replace(dehazed, name=hazy.name, config=replace(dehazed.config, models=models))
+    assert rows["as shipped, tracked"].config.models == RunConfig().models
     with pytest.raises(ValueError, match=r"rival.*sad.*other/sad\.onnx"):
-        methods_of(RunConfig(), "clear.onnx", ("sad.onnx", "other/sad.onnx"))
+        methods_of(RunConfig(), ("sad.onnx", "other/sad.onnx"))
+
+
+def test_an_exact_pose_takes_the_units_error_away_in_its_rows_alone():
+    hazy, exact = "classical, hazy, paper's", "classical, hazy, paper's, exact pose"
+    aside = RigidTransform.from_translation([0.0, 1.5, 0.0])
+    off = {hazy: [], exact: []}
+    views = [
+        (
+            replace(
+                at,
+                world_from_body=aside * at.world_from_body,
+                truth=replace(at.truth, world_from_body=at.world_from_body),
+            ),
+            detection,
+        )
+        for at, detection in ((at, chain(at).detection) for at, _ in sightings())
+    ]
+    for scores in score_approach(iter(views), 0, METHODS, BENCH):
+        for score in scores:
+            if score.method in off:
+                off[score.method].append(score.figures["lateral_error_m.left"])
+    assert max(off[exact]) < 0.1 and min(off[hazy]) > 1.0
 
 
 def test_rows_share_their_models_and_have_their_own_estimator():

@@ -5,11 +5,13 @@ import numpy as np
 import pytest
 
 from deckline.config import RunConfig
+from deckline.types import SIDES
 from deckline_lab.evaluation.localization_methods import point_methods
 from deckline_lab.evaluation.localization_score import LocalizationScore
 from deckline_lab.evaluation.localization_tables import (
     REQUIREMENTS,
     USABLE,
+    dehazing_gains,
     efficiency,
     flat_figures,
     found_share,
@@ -66,6 +68,21 @@ def test_usable_frames_have_both_lines_and_none_is_left_out():
     assert usable_share(plain) == pytest.approx(1 / 4)
     assert unusable_improvement([score(**good)] * 9 + [score()], plain) == pytest.approx(1 - 0.1 / 0.75)
     assert np.isnan(unusable_improvement(plain, [score(**good)]))
+
+
+def test_dehazing_is_counted_where_both_rows_have_both_lines():
+    def seen(method, index, error):
+        figures = {f"slope.{side}": 0.0 for side in SIDES if error is not None}
+        figures |= {f"direction_error_deg.{side}": error for side in SIDES if error is not None}
+        figures |= {f"intercept_error_m.{side}": 2.0 for side in SIDES if error is not None}
+        return LocalizationScore(index, 0, method, 100.0, 800.0, "coarse", figures)
+
+    errors = {"a, hazy, x": (0.4, 0.2, None, 9.0), "a, dehazed, x": (0.1, 0.2, 0.3, None), "b, hazy": (1.0,) * 4}
+    scores = {name: [seen(name, k, each) for k, each in enumerate(values)] for name, values in errors.items()}
+    (row,) = dehazing_gains(scores).rows
+    assert row[:3] == ("a, x", "75.0", "75.0")
+    assert row[3:5] == ("0.3000", "0.1500") and row[5].startswith("-0.1500 [") and row[6] == "50.0"
+    assert row[7:9] == ("2.000", "2.000") and row[10] == "0.0"
 
 
 def test_efficiency_is_the_bound_over_the_mean_square():
