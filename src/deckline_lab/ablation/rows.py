@@ -11,13 +11,12 @@ import numpy as np
 from deckline.recording import open_recording
 from deckline_lab.train.checkpoint import read_progress
 from deckline_lab.train.clear_views import shrink
-from deckline_lab.train.dehaze import DehazeTrainConfig, build_ours, train_dehaze
+from deckline_lab.train.dehaze import ONNX_FILE, DehazeTrainConfig, build_ours, train_dehaze
 from deckline_lab.train.dehaze_network import Attention, Transformer
 from deckline_lab.train.dehaze_samples import HazeAugmentation
 from deckline_lab.train.export import network_cost
 from deckline_lab.train.loop import BUDGET, MACHINE, is_finished
 
-WEIGHTS_FILE = "dehaze.onnx"
 FLIP = 0.5  # probability, horizontal and vertical each; Li et al. 2024, section 4.1.1
 
 
@@ -125,7 +124,7 @@ def train_rows(trainings: Sequence[Training], recording: Path) -> dict[str, dict
     for k, training in enumerate(trainings, 1):
         row, recipe, folder = training.row, training.recipe, training.folder
         print(f"training {k} of {len(trainings)}: {row.name}, seed {recipe.seed}", flush=True)
-        if is_finished(recipe, folder, WEIGHTS_FILE):
+        if is_finished(recipe, folder, ONNX_FILE):
             print("finished before", flush=True)
         else:
             train_dehaze(recipe, [recording], folder)

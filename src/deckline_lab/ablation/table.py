@@ -93,7 +93,7 @@ def ablation(
         costs = trained.train_rows(trainings, pairs)
         dehazers: dict[str, list[OnnxDehazer | None]] = {HAZY: [None]}
         for each in trainings:
-            file, engine = each.folder / trained.WEIGHTS_FILE, Engine(threads=config.threads or None)
+            file, engine = each.folder / trained.ONNX_FILE, Engine(threads=config.threads or None)
             dehazers.setdefault(each.row.key, []).append(OnnxDehazer(file, engine=engine))
         scores = measure(dehazers, test, base.working_long_side_px, store)
     rows = [row | costs.get(row["row"], {}) for row in summarise_rows(scores)]

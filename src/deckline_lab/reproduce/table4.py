@@ -2,16 +2,13 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from deckline.config_file import read_config
 from deckline.dehaze import NOT_DEHAZED
-from deckline.extras import needs_extra
 from deckline_lab.evaluation.tables import MISSING, Table, number, write_json
 from deckline_lab.reproduce.figures import draw_sequences, draw_training
-from deckline_lab.reproduce.runs import make_data, run, shrink_pairs
+from deckline_lab.reproduce.runs import make_data, run, shrink_pairs, train_networks
 from deckline_lab.statistics import Difference
 
 RIVALS = ("aod-net", "gca-net", "grid-dehaze-net", "g-unet-t", "dehaze-former-t")
@@ -61,31 +58,14 @@ def make_table4(runs: Path, path: Path, minutes: float, threads: int) -> None:
     """Ours and its five rivals in both forms, trained on the same pairs with the same budget; with Figures 11 to 13."""
     data, out = make_data(runs), runs / "table4"
     pairs, test = (shrink_pairs(data / split, runs / "pairs" / split) for split in ("train", "test"))
-    train_dehazers(pairs, out, minutes, threads)
+    names = [name for form in FORMS.values() for name in form]
+    train_networks("dehaze", pairs, out, {name: name for name in names}, RECIPE, minutes, threads)
     measured = {form: measure_form(form, test, out, minutes) for form in FORMS}
     write_json(path, *tabulate(measured, out, minutes), {"forms": measured})
     figures = runs / "figures"
     draw_training({form: [out / name for name in names] for form, names in FORMS.items()}, figures / "figure11.png")
     files = {form: [out / name / WEIGHTS_FILE for name in names] for form, names in FORMS.items()}
     draw_sequences(test, files, (figures / "figure12.jpg", figures / "figure13.jpg"))
-
-
-def train_dehazers(pairs: Path, out: Path, minutes: float, threads: int) -> None:
-    """Train every network that is not finished in `out`/<name>, in order; the same call goes on."""
-    with needs_extra("train"):
-        from deckline_lab.train.dehaze import DehazeTrainConfig
-        from deckline_lab.train.loop import is_finished
-    out.mkdir(parents=True, exist_ok=True)
-    recipe = out / "recipe.toml"
-    recipe.write_text(RECIPE)
-    base, names = read_config(DehazeTrainConfig, recipe), [name for form in FORMS.values() for name in form]
-    for k, name in enumerate(names, 1):
-        print(f"training {k} of {len(names)}: {name}", flush=True)
-        if is_finished(replace(base, network=name, minutes=minutes), out / name, WEIGHTS_FILE):
-            print("finished before", flush=True)
-        else:
-            budget = ("--recipe", recipe, "--minutes", minutes, "--threads", threads)
-            run("train", "dehaze", pairs, "--network", name, "--out", out / name, *budget)
 
 
 def measure_form(form: str, test: Path, out: Path, minutes: float) -> dict[str, Any]:

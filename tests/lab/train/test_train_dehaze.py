@@ -13,8 +13,9 @@ from clear_scene import QUICK, clear_frame, clear_recording, hazy_frame, pair_fo
 from deckline.config import Engine
 from deckline.dehaze import OnnxDehazer
 from deckline.runtime import load_session
-from deckline_lab.evaluation.metrics import psnr_db
-from deckline_lab.train.dehaze import NETWORKS, DehazeTrainConfig, dehaze_loss, psnr_loss, train_dehaze
+from deckline_lab.evaluation.metrics import psnr_db, ssim
+from deckline_lab.train.curves import read_curves
+from deckline_lab.train.dehaze import NETWORKS, DehazeTrainConfig, batch_figures, dehaze_loss, psnr_loss, train_dehaze
 from deckline_lab.train.dehaze_samples import HazeAugmentation
 from deckline_lab.train.loop import build_network
 
@@ -39,6 +40,18 @@ def test_loss_is_minus_psnr() -> None:
     torch.testing.assert_close(dehaze_loss(a, b, visible, 0.2), 0.8 * whole + 0.2 * part)
 
 
+def test_figures_of_a_batch_are_those_of_its_pictures() -> None:
+    rng = np.random.default_rng(0)
+    clear = rng.integers(0, 256, (2, 24, 32, 3), dtype=np.uint8)
+    noisy = np.clip(clear + rng.normal(0, [[[[4]]], [[[20]]]], clear.shape), 0, 255).astype(np.uint8)
+    a, b = (torch.from_numpy(x / np.float32(255)).permute(0, 3, 1, 2) for x in (noisy, clear))
+    figures = batch_figures(a, b)
+    assert figures["psnr_db"] == pytest.approx(np.mean([psnr_db(x, y) for x, y in zip(noisy, clear, strict=True)]))
+    assert figures["ssim"] == pytest.approx(np.mean([ssim(x, y) for x, y in zip(noisy, clear, strict=True)]))
+    assert batch_figures(b, b) == {"psnr_db": 60.0, "ssim": pytest.approx(1.0)}
+    assert "ssim" not in batch_figures(a[..., :8], b[..., :8])
+
+
 def test_the_loss_falls_on_two_pairs_without_depth(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     losses: list[float] = []
 
@@ -55,6 +68,10 @@ def test_the_loss_falls_on_two_pairs_without_depth(tmp_path: Path, monkeypatch: 
     assert figures["psnr_db_hazy.mean"] == pytest.approx(psnr_db(hazy_frame(2).image_rgb, clear_frame(2).image_rgb))
     assert figures["psnr_db.mean"] > figures["psnr_db_hazy.mean"] + 1
     assert figures["psnr_db_surface.mean"] == figures["psnr_db.mean"]
+    measured = [row for row in read_curves(tmp_path / "out") if "held_out" in row]
+    assert len(measured) == 10
+    assert measured[-1]["held_out_psnr_db"] > measured[0]["held_out_psnr_db"] + 1
+    assert -1 < measured[0]["held_out_ssim"] < measured[-1]["held_out_ssim"] < 1
 
 
 def test_a_network_with_a_prior_trains_and_runs_with_and_without_a_pose(recording: Path, tmp_path: Path) -> None:
