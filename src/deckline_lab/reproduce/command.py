@@ -32,7 +32,8 @@ def reproduce(
     Args:
         table: of Li et al. 2024.
         runs: folder of a run of your own; without --minutes its figures are printed as they are.
-        minutes: of training for each network; makes --runs, with the extras sim and train.
+        minutes: of training for each network, in Table 5 a hundred steps each; makes --runs, with the extras sim and
+            train.
         threads: of the processor, for training.
     """
     path = (runs or SAVED) / f"{table}.json"

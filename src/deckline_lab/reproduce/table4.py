@@ -88,7 +88,7 @@ def tabulate(measured: Mapping[str, dict[str, Any]], out: Path, minutes: float) 
     for form, names in FORMS.items():
         rows += [(form, *_cells(name, form, measured[form], out / name)) for name in names]
     notes = [*NOTES, *(_savings(form, measured[form]) for form in FORMS)]
-    title = f"{untouched['images']} test pairs of 640x360; {minutes:g} minutes of one core for each network"
+    title = f"{untouched['images']} test pairs of 640x360; {minutes:g} CPU minutes for each network"
     return title, [Table("Table 4", COLUMNS, rows, notes)]
 
 

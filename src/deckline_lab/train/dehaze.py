@@ -170,7 +170,10 @@ def train_dehaze(
         return dehaze_loss(*restore(batch), config.visible_share, config.best_psnr_db), {}
 
     def figures_of(batch: Batch) -> dict[str, float]:
-        return batch_figures(*restore(batch)[:2])
+        model.eval()
+        figures = batch_figures(*restore(batch)[:2])
+        model.train()
+        return figures
 
     measured = [make(k, held_out, None) for k in range(HELD_OUT_BATCHES)] if held_out else []
     train(config, run, make_ahead(make, run.step, config.steps), loss, console, measured, figures_of)

@@ -233,7 +233,8 @@ def held_out_figures(
     weights = {name: value.clone() for name, value in run.model.state_dict().items()}
     with torch.random.fork_rng(enabled=True):
         run.model.load_state_dict(run.ema)
-        rows = [{"": float(loss(batch, fraction)[0]), **figures(batch)} for batch in batches]
+        measured = [figures(batch) for batch in batches]  # first: a loss moves the running means of norms
+        rows = [{"": float(loss(x, fraction)[0]), **row} for x, row in zip(batches, measured, strict=True)]
         run.model.load_state_dict(weights)
     names = dict.fromkeys(name for row in rows for name in row)
     return {f"{HELD_OUT}_{name}".rstrip("_"): sum(row[name] for row in rows) / len(rows) for name in names}
