@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from deckline.flight import Flight, FrameResult
 from deckline.recording import open_recording
-from deckline.report.draw import INK, draw_dashes, draw_dot, draw_segment, draw_tag, write_picture
+from deckline.report.draw import draw_dashes, draw_dot, draw_segment, draw_tag, write_picture
 from deckline.truth import range_to_ramp_m, true_segments
 from deckline.types import SIDES, Frame, RunwayLine, Segment
+from deckline_lab.evaluation.pictures import INK, PAPER
 from deckline_sim.visible_line import project_line
 
 Picture = NDArray[np.uint8]

@@ -122,14 +122,14 @@ def load_backdrops(folder: Path) -> list[NDArray[np.uint8]]:
 
 
 def _optimizer(config: DetectTrainConfig, model: LineNetwork) -> torch.optim.Optimizer:
-    backbone, rest = (
-        [p for name, p in model.named_parameters() if p.requires_grad and name.startswith("backbone.") == of_backbone]
-        for of_backbone in (True, False)
-    )
-    groups: list[dict[str, Any]] = [{"params": rest}]
-    if backbone:
-        groups.insert(0, {"params": backbone, loop.RATE: config.backbone_lr})
-    return torch.optim.AdamW(groups, config.lr, weight_decay=config.weight_decay, fused=True)
+    """AdamW; what has a rate of its own is a group of its own, the rest comes last."""
+    rates = {"backbone.": config.backbone_lr, **model.rates}
+    groups: dict[str, list[Tensor]] = {prefix: [] for prefix in (*rates, "")}
+    for name, parameter in model.named_parameters():
+        if parameter.requires_grad:
+            groups[next(prefix for prefix in groups if name.startswith(prefix))].append(parameter)
+    given = [{"params": some, loop.RATE: rates.get(prefix, 1.0)} for prefix, some in groups.items() if some]
+    return torch.optim.AdamW(given, config.lr, weight_decay=config.weight_decay, fused=True)
 
 
 def validate(model: LineNetwork, views: Views[LineView], augment: DetectAugmentation, seed: int) -> dict[str, float]:

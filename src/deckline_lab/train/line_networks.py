@@ -10,8 +10,9 @@ for flat ones).
 """
 
 from abc import abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 import torch.nn.functional as F
@@ -61,6 +62,7 @@ class LineNetwork(nn.Module):
     """
 
     kind: NetworkKind
+    rates: ClassVar[Mapping[str, float]] = {}  # learning rates relative to the recipe's, by how parameters begin
 
     @abstractmethod
     def loss(self, output: Any, targets: DetectTargets, weights: LossWeights, fraction: float) -> Losses:
