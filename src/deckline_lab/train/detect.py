@@ -90,7 +90,7 @@ def train_detect(
         recalibrate_batch_norm(model, make_batch(views, START_VIEWS, grid, config.augment, [config.seed])[0])
     model.to(device)
     model.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # torch's stubs lack this form
-    run = loop.open_run(config, model, _optimizer(config, model), out)
+    run = loop.open_run(config, model, make_optimizer(config, model), out)
     console.print(f"{count_parameters(model)} parameters, {len(views)} views, {device}, from step {run.step}")
 
     def make(step: int, views: Views[LineView] = views) -> tuple[Tensor, DetectTargets]:
@@ -121,7 +121,7 @@ def load_backdrops(folder: Path) -> list[NDArray[np.uint8]]:
     return [load(index) for index in range(count)]
 
 
-def _optimizer(config: DetectTrainConfig, model: LineNetwork) -> torch.optim.Optimizer:
+def make_optimizer(config: DetectTrainConfig, model: LineNetwork) -> torch.optim.Optimizer:
     """AdamW; what has a rate of its own is a group of its own, the rest comes last."""
     rates = {"backbone.": config.backbone_lr, **model.rates}
     groups: dict[str, list[Tensor]] = {prefix: [] for prefix in (*rates, "")}

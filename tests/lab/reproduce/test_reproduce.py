@@ -1,7 +1,6 @@
 """`deckline reproduce`: saved tables beside the paper's figures, and the commands that make them anew."""
 
 import json
-import shutil
 import sys
 
 import pytest
@@ -10,10 +9,10 @@ from clear_scene import hazy_recording
 from deckline.cli.main import main
 from deckline.recording.images import read_image
 from deckline_lab.evaluation import dehazers
-from deckline_lab.evaluation.tables import read_saved
-from deckline_lab.reproduce import figures, runs, table4, table5, table6
+from deckline_lab.evaluation.tables import Table, read_saved
+from deckline_lab.reproduce import figures, line_figures, runs, table4, table5, table6
 from deckline_lab.reproduce.command import SAVED
-from deckline_lab.reproduce.table6 import DETECTORS, with_paper_6
+from deckline_lab.reproduce.table6 import with_paper_6
 
 SMALL = table4.RECIPE.replace("256", "48").replace("held_out = 0.02", "held_out = 0.1\nsteps = 2")
 FORMS = {"printed": ("full-t", "dehaze-former-t"), "coarse": ("coarse-t", "dehaze-former-t-coarse")}
@@ -38,7 +37,7 @@ def called(monkeypatch):
         if words[0] != "dataset":
             assert main(commands[-1]) == 0
 
-    for module in (runs, table4, table5):
+    for module in (runs, table4, table5, table6):
         monkeypatch.setattr(module, "run", run)
     return commands
 
@@ -110,27 +109,42 @@ def test_flights_are_neighbours_of_one_visibility(tmp_path):
 
 
 def test_the_papers_improvement_is_computed_from_its_errors():
-    lines, improved = with_paper_6(read_saved(SAVED / "table6.json").tables)
-    assert lines.rows[2][0] == improved.rows[0][0] == "sad-lite0, hazy, paper's"
-    assert improved.title.startswith("improvement over sad-lite0")
+    lines = Table("Table 6", ("method", "line", "slope off", "intercept off, m", "direction off, deg"), [])
+    columns = [f"{what} {side}" for what in ("direction", "intercept") for side in ("left", "right", "both")]
+    lines, improved, _ = with_paper_6([lines, Table("improvement", ("method", *columns), []), Table("", (), [])])
+    assert lines.rows[0] == ["the paper, without dehazing", "left", "0.15", "9.25", "8.5456"]
     paper = dict(zip(improved.columns, improved.rows[-1], strict=True))
     assert float(paper["direction both"]) == pytest.approx(100 * (1 - 1.3906 / 12.5405), abs=0.05)
     assert float(paper["intercept left"]) == pytest.approx(80.0, abs=0.05)
 
 
-def test_table_6_trains_every_network_for_the_same_minutes(monkeypatch, tmp_path):
-    called = []
-
-    def run(*words, quiet=False):
-        called.append([str(word) for word in words])
-        if words[0] == "eval":
-            shutil.copy(SAVED / "table6.json", tmp_path)
-
-    monkeypatch.setattr(table6, "run", run)
-    assert main(["reproduce", "table6", "--runs", str(tmp_path), "--minutes", "3"]) == 0
-    trained = [command for command in called if command[0] == "train"]
-    assert [command[command.index("--network") + 1] for command in trained] == list(DETECTORS)
-    assert all(command[command.index("--minutes") + 1] == "3.0" for command in trained)
+def test_table_6_is_trained_flown_and_drawn(tmp_path, called, monkeypatch, capsys):
+    size = ("--frames", "12", "--test", "4", "--width", "320", "--height", "180")
+    assert main(["dataset", str(tmp_path / "data"), "--views", "landing", "--one-scene", "--no-tiles", *size]) == 0
+    settings = {"RECIPE": f"steps = 1\n{table6.RECIPE}".replace("held_out = 0.02", "held_out = 0.2"), "DECKS": 2}
+    settings |= {"DETECTORS": {"sad": "sad-lite0", "ours": "hybrid"}, "EMPTY": 1, "AIR": ("clear",)}
+    settings |= {"FLIGHTS": ("--approaches", 1, "--frames", 2, "--range-m", 150, 80)}
+    for name, value in settings.items():
+        monkeypatch.setattr(table6, name, value)
+    monkeypatch.setattr(table4, "RECIPE", SMALL)
+    monkeypatch.setattr(line_figures, "SHOWN_M", (10.0, 10000.0))
+    command = ["reproduce", "table6", "--runs", str(tmp_path), "--minutes", "5", "--threads", "1"]
+    assert main(command) == 0
+    trained = [words[words.index("--network") + 1] for words in called if words[0] == "train"]
+    assert trained == ["sad-lite0", "hybrid", "coarse-t"]
+    lines, improved, _, decks = read_saved(tmp_path / "table6.json").tables
+    methods = [
+        "true",
+        *("sad, hazy, paper's", "sad, dehazed, paper's", "ours, hazy, paper's", "ours, dehazed, paper's"),
+    ]
+    assert list(dict.fromkeys(row[0] for row in lines.rows))[:5] == methods
+    assert improved.title == "improvement over sad, hazy, paper's, %" and len(decks.rows) == 2
+    for name in ("figure14.png", "figure15.png"):
+        assert read_image(tmp_path / "figures" / name).shape[0] == 2 * line_figures.TILE_PX[1]
+    capsys.readouterr()
+    called.clear()
+    assert main(["reproduce", "table6", "--runs", str(tmp_path)]) == 0
+    assert "the paper, dehazed" in capsys.readouterr().out and not called
 
 
 def test_wrong_use_is_one_line(tmp_path, capsys):
