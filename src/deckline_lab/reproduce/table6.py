@@ -15,7 +15,7 @@ DETECTORS = {"ufld": "ufld-lite0", "resa": "resa-lite0", "sad": "sad-lite0", "ou
 DEHAZER = "coarse-t"  # the paper's layers behind our coarse grid, as Table 4 trains them
 FLIGHTS = ("--approaches", 10)  # as many as the paper's experiments
 AIR = ("clear", "300..3000")  # visibility, m, in which decks are looked for; the dataset's haze
-DECKS, EMPTY, SEED = 100, 60, 1000
+DECK_SEEDS, DECK_FRAMES, VIEWS = range(1100, 1106), 16, 60  # approaches and their frames; random views
 # Of the backbone the strides 16 and 32 are trained, which auxiliary branch and distillation need and which cost least.
 # Close crops, light, colour, noise and thin haze alone: what all four heads can learn from 421 pictures.
 RECIPE = """batch = 8
@@ -87,7 +87,7 @@ def make_table6(runs: Path, path: Path, minutes: float, threads: int) -> None:
     detectors = train_networks("detect", data / "train", out, DETECTORS, RECIPE, minutes, threads)
     dehazer = find_dehazer(runs, data, minutes, threads)
     measured = out / f"{minutes:g}min"
-    decks = [find_decks(detectors, dehazer, air, measured) for air in AIR]
+    decks = find_decks(detectors, dehazer, measured)
     flown = measured / "localization.json"
     *rivals, ours = detectors.values()
     models = ("--rival", *rivals, "--detector", ours, "--dehazer", dehazer)
@@ -115,10 +115,40 @@ def find_dehazer(runs: Path, data: Path, minutes: float, threads: int) -> Path:
     return file
 
 
-def find_decks(detectors: Mapping[str, Path], dehazer: Path, air: str, out: Path) -> Table:
-    """How many fresh decks of the paper's ship each detector finds, and how often it sees one where there is none."""
-    file = out / f"decks-{air.replace('..', '-')}.json"
-    models = ("--detector", *detectors.values(), "--dehazer", "none", *(() if air == "clear" else (dehazer,)))
-    decks = ("--preset", "paper", "--frames", DECKS, "--deckless", EMPTY, "--visibility", air, "--seed", SEED)
-    run("eval", "detectors", *models, *decks, "--out", out / "decks", "--json", file, quiet=True)
-    return replace(read_saved(file).tables[0], title=f"{DECKS} decks from 60 to 800 m, visibility {air}")
+def find_decks(detectors: Mapping[str, Path], dehazer: Path, out: Path) -> list[Table]:
+    """How many decks each detector finds: on fresh approaches in clear air and in haze, and from elsewhere.
+
+    Approaches are flown as the training views were; random views show the ship from aside, rolled, from higher up. The
+    last table also counts what is found in views without a runway.
+    """
+    tables = []
+    for air in AIR:
+        flown = [out / f"approach-{air.replace('..', '-')}-{seed}" for seed in DECK_SEEDS]
+        for folder, seed in zip(flown, DECK_SEEDS, strict=True):
+            view = ("--preset", "paper", "--frames", DECK_FRAMES, "--visibility", air, "--seed", seed)
+            run("sim", *view, "--no-keep-clear", "--out", folder, quiet=True)
+        behind = ("none",) if air == "clear" else ("none", dehazer)
+        tables.append(_decks_found(f"fresh approaches, visibility {air}", detectors, behind, flown, out))
+    views = (
+        "--preset",
+        "paper",
+        "--visibility",
+        "clear",
+        "--frames",
+        VIEWS,
+        "--deckless",
+        VIEWS,
+        "--seed",
+        DECK_SEEDS[0],
+    )
+    return [*tables, _decks_found("random views, clear, half without a runway", detectors, ("none",), views, out)]
+
+
+def _decks_found(
+    title: str, detectors: Mapping[str, Path], dehazers: Sequence[object], sources: Sequence[object], out: Path
+) -> Table:
+    folder = out / "decks" / "-".join("".join(c if c.isalnum() else " " for c in title).split())
+    models = ("--detector", *detectors.values(), "--dehazer", *dehazers)
+    file = folder.with_suffix(".json")
+    run("eval", "detectors", *sources, *models, "--out", folder, "--json", file, quiet=True)
+    return replace(read_saved(file).tables[0], title=title)

@@ -121,8 +121,9 @@ def test_the_papers_improvement_is_computed_from_its_errors():
 def test_table_6_is_trained_flown_and_drawn(tmp_path, called, monkeypatch, capsys):
     size = ("--frames", "12", "--test", "4", "--width", "320", "--height", "180")
     assert main(["dataset", str(tmp_path / "data"), "--views", "landing", "--one-scene", "--no-tiles", *size]) == 0
-    settings = {"RECIPE": f"steps = 1\n{table6.RECIPE}".replace("held_out = 0.02", "held_out = 0.2"), "DECKS": 2}
-    settings |= {"DETECTORS": {"sad": "sad-lite0", "ours": "hybrid"}, "EMPTY": 1, "AIR": ("clear",)}
+    settings = {"RECIPE": f"steps = 1\n{table6.RECIPE}".replace("held_out = 0.02", "held_out = 0.2"), "VIEWS": 2}
+    settings |= {"DETECTORS": {"sad": "sad-lite0", "ours": "hybrid"}, "AIR": ("clear",)}
+    settings |= {"DECK_SEEDS": (1100,), "DECK_FRAMES": 2}
     settings |= {"FLIGHTS": ("--approaches", 1, "--frames", 2, "--range-m", 150, 80)}
     for name, value in settings.items():
         monkeypatch.setattr(table6, name, value)
@@ -132,13 +133,13 @@ def test_table_6_is_trained_flown_and_drawn(tmp_path, called, monkeypatch, capsy
     assert main(command) == 0
     trained = [words[words.index("--network") + 1] for words in called if words[0] == "train"]
     assert trained == ["sad-lite0", "hybrid", "coarse-t"]
-    lines, improved, _, decks = read_saved(tmp_path / "table6.json").tables
+    lines, improved, _, approaches, views = read_saved(tmp_path / "table6.json").tables
     methods = [
         "true",
         *("sad, hazy, paper's", "sad, dehazed, paper's", "ours, hazy, paper's", "ours, dehazed, paper's"),
     ]
     assert list(dict.fromkeys(row[0] for row in lines.rows))[:5] == methods
-    assert improved.title == "improvement over sad, hazy, paper's, %" and len(decks.rows) == 2
+    assert improved.title == "improvement over sad, hazy, paper's, %" and len(approaches.rows) == len(views.rows) == 2
     for name in ("figure14.png", "figure15.png"):
         assert read_image(tmp_path / "figures" / name).shape[0] == 2 * line_figures.TILE_PX[1]
     capsys.readouterr()

@@ -14,11 +14,19 @@ from deckline_lab.rivals.detectors.parts import Trunk
 from deckline_lab.rivals.detectors.resa import Resa
 from deckline_lab.rivals.detectors.sad import Sad
 from deckline_lab.rivals.detectors.ufld_published import PublishedUfld
-from deckline_lab.train.detect import NETWORKS, DetectTrainConfig, export_detect, runtime_parameters, torch_infer
+from deckline_lab.train.detect import (
+    NETWORKS,
+    DetectTrainConfig,
+    export_detect,
+    make_optimizer,
+    runtime_parameters,
+    torch_infer,
+)
 from deckline_lab.train.detect_losses import DetectTargets, LossWeights
 from deckline_lab.train.export import count_parameters, network_cost
 from deckline_lab.train.line_networks import Hybrid, LineNetwork, PyramidConfig, Ufld
 from deckline_lab.train.line_targets import encode, encode_region
+from deckline_lab.train.loop import RATE
 
 CULANE = (800, 288)  # width and height at which the costs were published
 CULANE_LINES = 4
@@ -95,7 +103,9 @@ def test_resa_has_the_published_cost() -> None:
 def test_a_few_steps_lower_the_loss_and_every_weight_learns(name: str) -> None:
     model = small(name).train()
     image, targets = batch(model, name)
-    optimizer = torch.optim.AdamW(model.parameters(), 1e-3)
+    optimizer = make_optimizer(CONFIG, model)
+    for group in optimizer.param_groups:
+        group["lr"] = 1e-3 * group[RATE]
     totals = []
     for _ in range(6):
         torch.manual_seed(0)  # the same channels are dropped every time

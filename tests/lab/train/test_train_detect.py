@@ -45,8 +45,18 @@ def test_backbone_taps_and_frozen_parts():
     assert not any(p.requires_grad for p in backbone.stem.parameters())
     assert all(p.requires_grad for p in backbone.blocks[2].parameters())
     assert not any(m.training for m in backbone.modules() if isinstance(m, torch.nn.BatchNorm2d))
-    with pytest.raises(ValueError, match=r"frozen_blocks.*3"):
-        Lite0Backbone(pretrained=False, frozen_blocks=3)
+    with pytest.raises(ValueError, match=r"frozen_blocks.*16"):
+        Lite0Backbone(pretrained=False, frozen_blocks=16)
+
+
+def test_frozen_blocks_hand_on_their_taps_without_a_gradient():
+    backbone, image = Lite0Backbone(pretrained=False, frozen_blocks=0).train(), torch.rand(1, 3, 64, 96)
+    free = backbone(image)
+    backbone.frozen_blocks = 5
+    taps = backbone(image)
+    assert [tap.requires_grad for tap in taps] == [False, False, True, True]
+    for one, other in zip(free, taps, strict=True):
+        torch.testing.assert_close(one, other)
 
 
 @pytest.mark.parametrize(("kernel", "dtype"), [(3, torch.bfloat16), (5, torch.float32)])
