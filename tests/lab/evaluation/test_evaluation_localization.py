@@ -229,7 +229,7 @@ def test_rows_share_their_models_and_have_their_own_estimator():
     bench = load(own)
     flights = [bench.start(method) for method in own]
     assert len({id(flight.detector) for flight in flights}) == len({id(flight.dehazer) for flight in flights}) == 1
-    assert [flight.tracker is not None for flight in flights] == [method.tracked for method in METHODS]
-    assert isinstance(bench, LocalizationBench) and set(bench.settings) == {method.name for method in METHODS}
+    assert [flight.tracker is not None for flight in flights] == [method.tracked for method in own]
+    assert isinstance(bench, LocalizationBench) and set(bench.settings) == {method.name for method in own}
     with pytest.raises(ValueError, match="nobody"):
-        load(methods_of(RunConfig(), "nobody"))
+        load(methods_of(RunConfig(), ("nobody",)))

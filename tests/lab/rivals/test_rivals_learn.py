@@ -1,4 +1,4 @@
-"""What every rival must be able to do: learn the lines of a deck within a minute, from features of a frozen backbone."""
+"""What every rival must be able to do: learn a deck's lines within a minute, from features of a frozen backbone."""
 
 import tomllib
 from dataclasses import replace
