@@ -46,5 +46,5 @@ def reproduce(
         raise ValueError(f"{path} is not there: add --minutes to make it, or leave --runs out for saved figures")
     saved = read_saved(path)
     differs = {"table4": table4.DIFFERS, "table5": table5.DIFFERS, "table6": table6.DIFFERS}[table]
-    print_tables(saved.title, saved.made_with, saved.tables, (f"Command: {saved.command}", differs))
+    print_tables(saved.title, saved.made_with, saved.tables, (*saved.notes, f"Command: {saved.command}", differs))
     return 0

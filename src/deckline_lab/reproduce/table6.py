@@ -96,7 +96,7 @@ def make_table6(runs: Path, path: Path, minutes: float, threads: int) -> None:
     run("eval", "localization", *models, *unit, *FLIGHTS, *made, quiet=True)
     saved = read_saved(flown)
     title = f"{saved.title}; {minutes:g} minutes of one core for each network"
-    write_json(path, title, [*with_paper_6(saved.tables), *decks], {})
+    write_json(path, title, [*with_paper_6(saved.tables), *decks], {}, saved.notes)
     single = RunConfig(models=Models(str(dehazer), str(ours)))
     methods = {method.name: method for method in methods_of(single, [str(file) for file in rivals])}
     flights = {
