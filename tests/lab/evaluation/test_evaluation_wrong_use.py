@@ -18,7 +18,7 @@ from refused import refuse
         ("localization --approaches 0", ["approaches", "0"]),
         ("localization --jobs -1", ["jobs", "-1"]),
         ("localization --detector nobody", ["nobody"]),
-        ("localization --visibility thick --detector classical --ufld classical", ["thick"]),
+        ("localization --visibility thick --detector classical --rival classical", ["thick"]),
         ("localization --points --noise no-such.toml", ["no-such.toml"]),
         ("dehazing", ["--votes"]),
         ("dehazing nowhere --detector none", ["nowhere"]),

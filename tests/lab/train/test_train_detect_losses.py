@@ -18,7 +18,7 @@ from deckline_lab.train.line_networks import Hybrid, PyramidConfig, join_classes
 
 CELLS = 128
 GRID = RowGrid()
-DECODE = Hybrid(PyramidConfig(pretrained=False)).kind.decode
+DECODE = Hybrid(PyramidConfig(pretrained=False)).kind.search.decode
 
 
 def perfect(cell: torch.Tensor) -> torch.Tensor:

@@ -13,7 +13,7 @@ from deckline_lab.rivals.detectors import DETECTORS
 from deckline_lab.train.checkpoint import save_checkpoint
 from deckline_lab.train.dehaze import export_dehaze
 from deckline_lab.train.dehaze_network import DehazeNetwork, DehazeNetworkConfig
-from deckline_lab.train.detect import export_detect
+from deckline_lab.train.detect import DetectTrainConfig, export_detect
 from deckline_lab.train.line_networks import Hybrid, PyramidConfig, PyramidNetwork, Ufld
 from deckline_lab.train.start import recalibrate_batch_norm, start_detector, start_with
 
@@ -103,7 +103,7 @@ def test_files_of_other_networks_are_refused(tmp_path):
     path = export_detect(Ufld(SMALL).eval(), tmp_path / "small.onnx", {}, 0)
     (tmp_path / "text.onnx").write_text("no network")
     with pytest.raises(ValueError, match=r"small\.onnx: .*hybrid and ufld"):
-        start_detector(DETECTORS["enet-sad"](None), path)
+        start_detector(DETECTORS["enet-sad"](DetectTrainConfig()), path)
     for source in (shipped_weights("ufld"), shipped_weights("coarse-t"), tmp_path, tmp_path / "text.onnx"):
         with pytest.raises(ValueError, match=str(source)):
             start_detector(Ufld(SMALL), source)
