@@ -25,10 +25,8 @@ EDGE_OUTPUTS = (*HYBRID_OUTPUTS, "edge_logits")  # and what the edge lines are
 MAP_OUTPUTS = ("map_logits", "line_logits", "region_logits", "region_box")  # a class for every pixel
 KNOWN_OUTPUTS = (ROW_OUTPUTS, HYBRID_OUTPUTS, EDGE_OUTPUTS, MAP_OUTPUTS)
 EDGES = tuple(EdgeKind)  # classes of the edge, in their order
-MAP_PEAK, MAP_EXISTENCE = (
-    0.3,
-    0.5,
-)  # that a line of a map must exceed, in a row and as a whole; published (CULane)
+MAP_PEAK = 0.3  # that the best cell of a map's row must exceed; published (CULane)
+MAP_EXISTENCE = 0.5  # that the probability of a map's line must exceed; published
 SMALLEST_SHARE = 1e-9  # of a row, so that logarithms are finite
 STRIDE = 16  # px of the network's image per region cell
 SIZE_PX = 64.0  # px; a box of that size has log size 0

@@ -80,7 +80,7 @@ def _measure_passes(
 ) -> tuple[dict[str, Figures], list[str]]:
     """One pass of the detector and of the peer; nothing and the reason where there is no peer."""
     try:
-        other = OnnxDetector(peer or measure.export_peer(folder), engine=engine)
+        other = OnnxDetector(peer or measure.export_peer(folder), engine=engine, compare=True)
     except ImportError as error:
         return {}, [f"no ratios to {measure.PEER}: {error}"]
     return measure.measure_passes(detector, other), []

@@ -126,8 +126,8 @@ def export_peer(folder: Path) -> Path:
     """
     with needs_extra("train"):
         from deckline_lab.rivals.detectors import DETECTORS
-        from deckline_lab.train.detect import export_detect
-    return export_detect(DETECTORS[PEER_NETWORK](None).eval(), folder / f"{PEER_NETWORK}.onnx", {}, 0)
+        from deckline_lab.train.detect import DetectTrainConfig, export_detect
+    return export_detect(DETECTORS[PEER_NETWORK](DetectTrainConfig()).eval(), folder / f"{PEER_NETWORK}.onnx", {}, 0)
 
 
 def stage_table(title: str, figures: dict[str, Any], passes: dict[str, Figures]) -> Table:

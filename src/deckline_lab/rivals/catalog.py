@@ -1,11 +1,12 @@
 """Dehazers and detectors that an evaluation can name: those of `deckline`, and the rivals they are compared with."""
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from deckline.config import CPU, RunConfig
 from deckline.dehaze import DEHAZERS, Dehazer, OnnxDehazer
-from deckline.detect import DETECTORS, Detector
+from deckline.detect import DETECTORS, Detector, OnnxDetector
 from deckline.flight import Flight
 from deckline.runtime import shipped_weights
 from deckline_lab.rivals import LAB_WEIGHTS
@@ -43,6 +44,8 @@ def flight_from_config(config: RunConfig, **parts: Any) -> Flight:
         name = getattr(config.models, part)
         if parts.get(part) is None and name in rivals:
             parts[part] = rivals[name](config.engine)
+        elif parts.get(part) is None and part == "detector" and name.endswith(".onnx"):
+            parts[part] = OnnxDetector(Path(name), engine=config.engine, compare=True)
         elif parts.get(part) is None and name not in known and not name.endswith(".onnx"):
             names = ", ".join(known)
             raise ValueError(f"unknown {part} {name!r}: use one of {names}, or the path of an .onnx file")

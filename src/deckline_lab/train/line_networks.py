@@ -11,7 +11,7 @@ for flat ones).
 
 from abc import abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import torch
@@ -20,22 +20,13 @@ from torch import Tensor, nn
 
 from deckline.detect.anchors import EDGE_OUTPUTS, EDGES, ROW_OUTPUTS, STRIDE, DecodeConfig, RowGrid
 from deckline.detect.coarse_to_fine import DetectConfig
+from deckline.detect.onnx_detector import ROWS_ALONE
 from deckline_lab.train import detect_losses
 from deckline_lab.train.backbone import CHANNELS, Lite0Backbone, conv_norm, separable
 from deckline_lab.train.detect_losses import DetectTargets, HybridOutput, Losses, LossWeights, UfldOutput
 
 LINES = 2  # left and right
 ALL_LINES = 3  # the centre line too
-# The search of a network whose focal loss leaves confidences that are no probabilities. With these thresholds `ufld`
-# gives a point in 0.45 % of 888 views without a runway, and both lines on 74 % of 174 decks.
-FOCAL_SEARCH: dict[str, Any] = {
-    "min_confidence": 0.4,
-    "min_probability": 0.6,
-    "min_lone_probability": 0.9,
-    "min_close_probability": 1.1,
-    "places": 1,
-    "tiles": 0,
-}
 CELL_PX = 4  # of an anchor's cell and between anchors: the pyramid's finest stride
 
 
@@ -119,7 +110,7 @@ class Ufld(PyramidNetwork):
 
     def __init__(self, config: PyramidConfig | None = None) -> None:
         super().__init__(config)
-        self.kind = NetworkKind(DetectConfig(self.config.grid, **FOCAL_SEARCH), self.config.grid)
+        self.kind = NetworkKind(replace(ROWS_ALONE, grid=self.config.grid), self.config.grid)
         width = self.config.channels
         self.rows = RowHead(width)
         self.region = RegionHead(width)

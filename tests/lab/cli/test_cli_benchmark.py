@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from deckline.cli.main import main
+from deckline.detect import OnnxDetector
 from deckline.runtime import shipped_weights
 from deckline_lab.evaluation import stage_timing
 from deckline_lab.evaluation.stage_timing import ANSWER, FILM, GUIDANCE, PEER
@@ -31,6 +32,12 @@ def test_every_stage_of_both_modes_is_measured_beside_the_peer(tmp_path: Path) -
     assert next(row[-1] for row in file["rows"] if row[0] == "detect") == f"{ratio:.2f}"
     assert [row[2] for row in passes["rows"] if row[0] == PEER] == ["1.00"]
     assert len(live["rows"]) == 1
+
+
+def test_the_peer_is_the_published_network(tmp_path: Path) -> None:
+    peer = OnnxDetector(stage_timing.export_peer(tmp_path), compare=True)
+    assert (peer.config.grid.cells, peer.config.grid.rows) == (100, 56)
+    assert peer.session.config["parameters"] > 30e6
 
 
 def test_without_torch_there_are_no_ratios(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:

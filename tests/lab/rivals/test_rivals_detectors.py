@@ -1,16 +1,18 @@
 """Every line network: its published size, learning, and torch against ONNX."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
+from deckline.config import Models, RunConfig
 from deckline.detect import OnnxDetector
 from deckline.detect.anchors import RowGrid
+from deckline_lab.rivals.catalog import flight_from_config
 from deckline_lab.rivals.detectors import DETECTORS
 from deckline_lab.rivals.detectors.enet_sad import EnetSad
-from deckline_lab.rivals.detectors.parts import Trunk
 from deckline_lab.rivals.detectors.resa import Resa
 from deckline_lab.rivals.detectors.sad import Sad
 from deckline_lab.rivals.detectors.ufld_published import PublishedUfld
@@ -32,7 +34,8 @@ CULANE = (800, 288)  # width and height at which the costs were published
 CULANE_LINES = 4
 BUILDERS = NETWORKS | DETECTORS
 CONFIG = DetectTrainConfig()
-SMALL = Trunk((128, 64), pretrained=False)
+SMALL = PyramidConfig(RowGrid(128, 64, 32, 16), pretrained=False)
+LARGE = PyramidConfig(RowGrid(*CULANE, CULANE[0] // 4, CULANE[1] // 4))
 
 
 def small(name: str) -> LineNetwork:
@@ -44,11 +47,11 @@ def small(name: str) -> LineNetwork:
         case "sad-lite0":
             return Sad(SMALL)
         case "enet-sad":
-            return EnetSad(SMALL.size_px)
+            return EnetSad(SMALL.grid.size)
         case "resa-lite0" | "resa-r18":
             return Resa(SMALL, 18 if name == "resa-r18" else None)
         case _:
-            shape = PyramidConfig(RowGrid(128, 64, 32, 16), pretrained=False, frozen_blocks=0)
+            shape = replace(SMALL, frozen_blocks=0)
             return Ufld(shape) if name == "ufld" else Hybrid(shape)
 
 
@@ -85,7 +88,7 @@ def test_ufld_has_the_published_cost() -> None:
 
     Our region branch, counted here too, is less than half a percent of it.
     """
-    model = PublishedUfld(Trunk(CULANE), (200, 18), CULANE_LINES, resnet=True)
+    model = PublishedUfld(LARGE, (200, 18), CULANE_LINES, resnet=True)
     assert network_cost(model, CULANE[::-1]).macs == pytest.approx(8.4e9, rel=0.01)
     flat, outputs = 8 * 9 * 25, 4 * 18 * 201
     layers = 11_176_512 + (512 * 8 + 8) + (flat + 1) * 2048 + 2049 * outputs
@@ -94,7 +97,7 @@ def test_ufld_has_the_published_cost() -> None:
 
 def test_resa_has_the_published_cost() -> None:
     """41.0 GMACs with ResNet-34 as tabulated by Zheng et al. 2022 (CLRNet); that fits no fourth stage."""
-    model = Resa(Trunk(CULANE), 34, CULANE_LINES)
+    model = Resa(LARGE, 34, CULANE_LINES)
     region = network_cost(model.region, (CULANE[1] // 8, CULANE[0] // 8), (128,)).macs
     assert network_cost(model, CULANE[::-1]).macs - region == pytest.approx(41.0e9, rel=0.01)
 
@@ -131,8 +134,14 @@ def test_torch_and_onnx_agree(name: str, tmp_path: Path) -> None:
     torch.manual_seed(0)
     model = (small(name) if name in ("ufld-r18", "ufld-lite0") else BUILDERS[name](CONFIG)).eval()
     path = export_detect(model, tmp_path / f"{name}.onnx", {"lr": 1.0}, 7)
-    detector = OnnxDetector(path)
+    detector = OnnxDetector(path, compare=True)
     assert detector.name == name
+    if name in DETECTORS:
+        with pytest.raises(ValueError, match=path.name):  # no aircraft should follow a network that refuses nothing
+            OnnxDetector(path)
+        assert flight_from_config(RunConfig(models=Models("none", str(path)))).detector.config == detector.config
+    else:
+        assert OnnxDetector(path).config == detector.config
     assert detector.config == model.kind.search
     assert detector.session.config["parameters"] == runtime_parameters(model)
     grid = model.kind.grid

@@ -5,7 +5,7 @@ import pytest
 import torch
 import torch.nn.functional as F
 
-from deckline.detect.anchors import decode, rows_from_map
+from deckline.detect.anchors import RowGrid, decode, rows_from_map
 from deckline_lab.rivals.detectors import parts
 from deckline_lab.rivals.detectors.enet_sad import EnetSad, unpool
 from deckline_lab.rivals.detectors.parts import MapOutput, map_kind
@@ -13,9 +13,10 @@ from deckline_lab.rivals.detectors.resa import GAIN, ROUNDS, FeatureShift, Resa
 from deckline_lab.rivals.detectors.sad import DISTIL_FROM, Sad, attention, distillation_loss
 from deckline_lab.rivals.detectors.ufld_published import focal_loss
 from deckline_lab.train.detect_losses import DetectTargets, LossWeights
+from deckline_lab.train.line_networks import PyramidConfig
 from deckline_lab.train.line_targets import encode_region
 
-TRUNK = parts.Trunk((128, 32), pretrained=False)
+SHAPE = PyramidConfig(RowGrid(128, 32, 32, 8), pretrained=False)
 
 
 def one_tap(module: FeatureShift) -> None:
@@ -104,7 +105,7 @@ def test_a_perfect_answer_costs_nothing_and_a_wrong_one_does() -> None:
     logits = 40.0 * torch.nn.functional.one_hot(label, 3).permute(0, 3, 1, 2).float()
     lines = torch.tensor([[40.0, 40.0], [-40.0, -40.0]])
     region = torch.log(targets.region + 1e-12)
-    for model, name in ((Sad(TRUNK), "map"), (Resa(TRUNK), "dice")):
+    for model, name in ((Sad(SHAPE), "map"), (Resa(SHAPE), "dice")):
         right, losses = model.loss(MapOutput(logits, lines, region, targets.box), targets, LossWeights(), 0.0)
         assert [losses["existence"], losses["box"]] == pytest.approx([0] * 2, abs=1e-6)
         assert losses[name] == pytest.approx(0.5 if name == "dice" else 0, abs=1e-3)  # of an empty view nothing is left

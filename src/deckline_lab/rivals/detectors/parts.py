@@ -1,6 +1,5 @@
 """Building blocks of the compared networks: backbones, region branch, segmentation on anchors one pixel high."""
 
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import torch
@@ -9,7 +8,7 @@ from torch import Tensor, nn
 
 from deckline.detect.anchors import MAP_OUTPUTS, DecodeConfig, RowGrid
 from deckline.detect.coarse_to_fine import DetectConfig
-from deckline_lab.train.backbone import CHANNELS, Lite0Backbone, conv_norm, separable
+from deckline_lab.train.backbone import CHANNELS, conv_norm, separable
 from deckline_lab.train.detect_losses import DetectTargets, LossWeights, box_loss, region_loss
 from deckline_lab.train.line_networks import CELL_PX, NetworkKind, RegionHead
 
@@ -37,18 +36,6 @@ PUBLISHED_SEARCH: dict[str, Any] = {
     "places": 1,
     "tiles": 0,
 }
-
-
-@dataclass(frozen=True)
-class Trunk:
-    """What all networks share: the size of the view, and the backbone's first weights and what of it is trained."""
-
-    size_px: tuple[int, int] = (512, 288)  # width and height of the view, which 32 divides
-    pretrained: bool = True
-    frozen_blocks: int = 2
-
-    def build(self) -> Lite0Backbone:
-        return Lite0Backbone(self.pretrained, self.frozen_blocks)
 
 
 def map_kind(size_px: tuple[int, int]) -> NetworkKind:

@@ -19,14 +19,14 @@ from deckline_lab.rivals.detectors.parts import (
     Merge,
     RegionBranch,
     ResNet,
-    Trunk,
     dice_loss,
     lines_and_stripes,
     map_kind,
     shared_losses,
 )
+from deckline_lab.train.backbone import Lite0Backbone
 from deckline_lab.train.detect_losses import DetectTargets, Losses, LossWeights
-from deckline_lab.train.line_networks import LINES, LineNetwork
+from deckline_lab.train.line_networks import LINES, LineNetwork, PyramidConfig
 
 WIDTH = 128  # channels that are passed on; published
 ROUNDS = 4  # a shift by 1/16, 1/8, 1/4 and 1/2 of the side; published
@@ -49,18 +49,18 @@ class Resa(LineNetwork):
 
     rates: ClassVar[Mapping[str, float]] = {"shifts.": SHIFT_RATE}
 
-    def __init__(self, trunk: Trunk, layers: int | None = None, lines: int = LINES) -> None:
+    def __init__(self, shape: PyramidConfig, layers: int | None = None, lines: int = LINES) -> None:
         super().__init__()
-        self.kind = map_kind(trunk.size_px)
+        self.kind = map_kind(shape.grid.size)
         if layers is None:
-            self.backbone, self.merge = trunk.build(), Merge(WIDTH)
+            self.backbone, self.merge = Lite0Backbone(shape.pretrained, shape.frozen_blocks), Merge(WIDTH)
         else:
             self.body = ResNet(layers, stages=3)
             self.reduce = nn.Conv2d(WIDTHS[2], WIDTH, 1, bias=False)
         self.layers = layers
         self.shifts = FeatureShift(WIDTH)
         self.decoder = nn.Sequential(nn.Dropout2d(0.1), nn.Conv2d(WIDTH, lines + 1, 1))
-        self.existence = LineExistence(WIDTH, None, lines, trunk.size_px)
+        self.existence = LineExistence(WIDTH, None, lines, shape.grid.size)
         self.region = RegionBranch(WIDTH)
 
     def forward(self, image: Tensor) -> MapOutput:

@@ -14,10 +14,10 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from deckline_lab.rivals.detectors import parts
-from deckline_lab.rivals.detectors.parts import MapOutput, Trunk, map_kind
-from deckline_lab.train.backbone import conv_norm
+from deckline_lab.rivals.detectors.parts import MapOutput, map_kind
+from deckline_lab.train.backbone import Lite0Backbone, conv_norm
 from deckline_lab.train.detect_losses import DetectTargets, Losses, LossWeights, class_weights
-from deckline_lab.train.line_networks import LINES, LineNetwork
+from deckline_lab.train.line_networks import LINES, LineNetwork, PyramidConfig
 
 WIDTH = 128  # channels at stride 8, as of ENet
 DISTIL_WEIGHT, OVERLAP_WEIGHT = 0.1, 0.1  # published
@@ -48,15 +48,15 @@ class Sad(SadNetwork):
     Blocks whose backbone is not trained distil nothing.
     """
 
-    def __init__(self, trunk: Trunk) -> None:
+    def __init__(self, shape: PyramidConfig) -> None:
         super().__init__()
-        self.kind = map_kind(trunk.size_px)
-        self.backbone = trunk.build()
+        self.kind = map_kind(shape.grid.size)
+        self.backbone = Lite0Backbone(shape.pretrained, shape.frozen_blocks)
         self.merge = parts.Merge(WIDTH)
         self.map = nn.Sequential(
             conv_norm(WIDTH, WIDTH, 3), nn.ReLU(), nn.Dropout2d(0.1), nn.Conv2d(WIDTH, LINES + 1, 1)
         )
-        self.existence = parts.LineExistence(WIDTH, 32, LINES, trunk.size_px)
+        self.existence = parts.LineExistence(WIDTH, 32, LINES, shape.grid.size)
         self.region = parts.RegionBranch(WIDTH)
 
     def forward(self, image: Tensor) -> MapOutput:

@@ -14,8 +14,8 @@ from torch import Tensor, nn
 
 from deckline.detect.anchors import RowGrid
 from deckline.detect.coarse_to_fine import DetectConfig
-from deckline_lab.rivals.detectors.parts import PUBLISHED_SEARCH, WIDTHS, RegionBranch, ResNet, Trunk
-from deckline_lab.train.backbone import BLOCKS, CHANNELS, conv_norm
+from deckline_lab.rivals.detectors.parts import PUBLISHED_SEARCH, WIDTHS, RegionBranch, ResNet
+from deckline_lab.train.backbone import BLOCKS, CHANNELS, Lite0Backbone, conv_norm
 from deckline_lab.train.detect_losses import (
     DetectTargets,
     Losses,
@@ -25,7 +25,7 @@ from deckline_lab.train.detect_losses import (
     region_loss,
     segmentation_loss,
 )
-from deckline_lab.train.line_networks import LINES, LineNetwork, NetworkKind
+from deckline_lab.train.line_networks import LINES, LineNetwork, NetworkKind, PyramidConfig
 
 PUBLISHED_CELLS, PUBLISHED_ROWS = 100, 56  # on TuSimple
 SQUEEZE = 8  # channels before flattening; published
@@ -42,20 +42,20 @@ class PublishedUfld(LineNetwork):
 
     def __init__(
         self,
-        trunk: Trunk,
+        shape: PyramidConfig,
         anchors: tuple[int, int] = (PUBLISHED_CELLS, PUBLISHED_ROWS),
         lines: int = LINES,
         resnet: bool = False,
     ) -> None:
         super().__init__()
-        grid = RowGrid(*trunk.size_px, *anchors)
+        grid = RowGrid(*shape.grid.size, *anchors)
         self.kind = NetworkKind(DetectConfig(grid, **PUBLISHED_SEARCH), grid)
         self.shape = (lines, grid.rows, grid.cells + 1)
         channels = WIDTHS[1:] if resnet else CHANNELS[1:]
         if resnet:
             self.body = ResNet(18)
         else:
-            self.backbone = trunk.build()
+            self.backbone = Lite0Backbone(shape.pretrained, shape.frozen_blocks)
         self.resnet = resnet
         self.squeeze = nn.Conv2d(channels[2], SQUEEZE, 1)
         flat = SQUEEZE * (grid.width // 32) * (grid.height // 32)
@@ -65,15 +65,15 @@ class PublishedUfld(LineNetwork):
             if isinstance(layer, nn.Linear):
                 nn.init.normal_(layer.weight, std=0.01)
         self.region = RegionBranch(channels[0], channels[1])
-        learns = resnet or trunk.frozen_blocks < BLOCKS
+        learns = resnet or shape.frozen_blocks < BLOCKS
         self.segmentation = AuxiliaryBranch(channels, lines + 1) if learns else None
 
     def forward(self, image: Tensor) -> UfldOutput:
         taps = self.body(image) if self.resnet else self.backbone(image)[1:]
         rows = self.fc(self.squeeze(taps[2]).flatten(1)).unflatten(1, self.shape)
         region, box = self.region(taps[0], taps[1])
-        auxiliary = self.training and self.segmentation is not None
-        return UfldOutput(rows, region, box, self.segmentation(taps) if auxiliary else None)  # type: ignore[misc]
+        segmentation = None if self.segmentation is None or not self.training else self.segmentation(taps)
+        return UfldOutput(rows, region, box, segmentation)
 
     def loss(self, output: Any, targets: DetectTargets, weights: LossWeights, fraction: float) -> Losses:
         logits = output.rows.float()
