@@ -90,7 +90,7 @@ def test_left_right_of_right_is_not_seen():
     image = draw((640, 360), (100, 300, 200, 50), (500, 300, 400, 50))
     swapped = image[:, :, [1, 0, 2]]
     assert len(detect_lines(image, Oracle(), DetectConfig()).left) > 10
-    detection = detect_lines(swapped, Oracle(), DetectConfig(tiles=0))
+    detection = detect_lines(swapped, Oracle(), DetectConfig(tilings=()))
     assert count_lines(detection) == 0
 
 
@@ -251,7 +251,7 @@ def test_where_the_search_is_too_short_sighted_the_prior_box_is_searched(box):
 @pytest.mark.parametrize("box", [*WRONG[:1], (700.0, 300.0, 760.0, 360.0)])
 def test_a_prior_beside_the_runway_ends_not_seen_after_two_passes(box):
     network = ShortSighted()
-    assert count_lines(detect_lines(draw((1280, 720), *FAR), network, DetectConfig(tiles=0), box)) == 0
+    assert count_lines(detect_lines(draw((1280, 720), *FAR), network, DetectConfig(tilings=()), box)) == 0
     assert len(network.views) == 2
 
 
@@ -279,7 +279,7 @@ def test_what_contradicts_the_one_line_that_the_search_saw_does_not_count():
             rows[1, :, -1] = 0.0
             return output._replace(rows=rows)
 
-    box, once = (595.0, 365.0, 645.0, 405.0), DetectConfig(max_passes=1, tiles=0)
+    box, once = (595.0, 365.0, 645.0, 405.0), DetectConfig(max_passes=1, tilings=())
     image = draw((1280, 720), left, right)
     one = detect_lines(image, OneEyed(), once)
     assert len(one.left) > 0 and len(one.right) == 0
@@ -327,7 +327,7 @@ def test_tiles_find_a_runway_that_the_whole_picture_is_too_coarse_for():
     network = ShortSighted()
     check_lines(detect_lines(draw((1280, 720), *lines), network, DetectConfig()), *lines)
     assert len(network.views) <= 1 + 9 + 1
-    assert count_lines(detect_lines(draw((1280, 720), *lines), ShortSighted(), DetectConfig(tiles=0))) == 0
+    assert count_lines(detect_lines(draw((1280, 720), *lines), ShortSighted(), DetectConfig(tilings=()))) == 0
 
 
 def test_a_runway_that_is_faint_in_the_whole_picture_counts_if_the_closer_view_is_sure():

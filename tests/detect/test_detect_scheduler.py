@@ -1,15 +1,17 @@
-"""One view a picture where the track is sure, and the search of the whole picture beside it."""
+"""A bounded number of views a picture, and the search of whole pictures spread over frames."""
 
+import numpy as np
 import pytest
-from test_detect_coarse_to_fine import Oracle, check_lines, draw
+from test_detect_coarse_to_fine import Oracle, ShortSighted, check_lines, draw
 
 from deckline.detect import DetectConfig, OnnxDetector, SearchingDetector, SearchScheduler
-from deckline.detect.scheduler import OTHER_LINES
+from deckline.detect.scheduler import OTHER_LINES, VIEWS
 from deckline.detect.search import Search, detect_lines
 
 HERE = ((600.0, 500.0, 630.0, 400.0), (700.0, 500.0, 670.0, 400.0))
 THERE = ((200.0, 500.0, 230.0, 400.0), (300.0, 500.0, 270.0, 400.0))
 BOX = (590.0, 390.0, 710.0, 510.0)
+SMALL = ((900.0, 500.0, 920.0, 460.0), (970.0, 500.0, 950.0, 460.0))
 
 
 class OracleDetector(SearchingDetector):
@@ -29,6 +31,13 @@ class OracleDetector(SearchingDetector):
     @property
     def views(self) -> int:
         return len(self.oracle.views)
+
+
+class ShortSightedDetector(OracleDetector):
+    """Sees a small runway in close views alone."""
+
+    def __init__(self) -> None:
+        self.oracle = ShortSighted()
 
 
 def detect_all(detector, pictures, period_s=0.1, search_s=1.0, is_sure=True):
@@ -52,16 +61,49 @@ def test_a_sure_track_costs_one_view_a_picture_and_two_while_a_search_runs_besid
     assert scheduler.update(None, None, None) == ()
 
 
-@pytest.mark.parametrize(("search_s", "is_sure", "period_s"), [(0.0, True, 0.1), (1.0, False, 0.1), (1.0, True, 1.5)])
-def test_without_a_period_or_a_sure_track_or_after_a_gap_every_picture_is_searched_whole(search_s, is_sure, period_s):
-    _, views, _ = detect_all(OracleDetector(), [draw((1280, 720), *HERE)] * 5, period_s, search_s, is_sure)
+@pytest.mark.parametrize(("search_s", "period_s"), [(0.0, 0.1), (1.0, 1.5)])
+def test_without_a_period_or_after_a_gap_every_picture_is_searched_whole(search_s, period_s):
+    _, views, found = detect_all(OracleDetector(), [draw((1280, 720), *HERE)] * 5, period_s, search_s)
     assert min(views) > 1
+    for detection in found:
+        check_lines(detection, *HERE)
 
 
-def test_a_runway_that_is_gone_is_searched_at_once():
-    pictures = [draw((1280, 720), *HERE)] * 3 + [draw((1280, 720), *THERE)] * 2
+@pytest.mark.parametrize("is_sure", [True, False])
+@pytest.mark.parametrize("picture", [draw((1280, 720), *HERE), np.zeros((720, 1280, 3), np.uint8)])
+def test_after_the_first_no_picture_takes_more_than_three_views(picture, is_sure):
+    _, views, _ = detect_all(ShortSightedDetector(), [picture] * 40, is_sure=is_sure)
+    assert max(views[1:]) <= VIEWS
+
+
+def test_a_runway_that_is_elsewhere_is_found_in_two_frames():
+    pictures = [draw((1280, 720), *HERE)] * 3 + [draw((1280, 720), *THERE)] * 3
     _, _, found = detect_all(OracleDetector(), pictures)
-    check_lines(found[3], *THERE)
+    for detection in found[4:]:
+        check_lines(detection, *THERE)
+
+
+def test_a_small_runway_is_found_over_frames_while_the_picture_turns():
+    """Tiles of a held picture find it; it has moved by more than its own size when the search ends."""
+    rng = np.random.default_rng(3)
+    ground = np.repeat(np.repeat(rng.integers(0, 40, (100, 200, 1), dtype=np.uint8), 10, axis=0), 10, axis=1)
+    pictures, truth = [np.zeros((720, 1280, 3), np.uint8)], [None]
+    for number in range(30):
+        shift = 8.0 * number
+        truth.append([(u0 - shift, v0, u1 - shift, v1) for u0, v0, u1, v1 in SMALL])
+        picture = np.repeat(ground[:720, int(shift) : int(shift) + 1280], 3, axis=2)
+        pictures.append(np.maximum(picture, draw((1280, 720), *truth[-1])))
+    detector = ShortSightedDetector()
+    scheduler, found = SearchScheduler(detector, 1.0), []
+    for number, picture in enumerate(pictures):
+        before = detector.views
+        found.append(scheduler.detect(0.05 * number, picture, None, False))
+        assert number == 0 or detector.views - before <= VIEWS
+    seen = [number for number, detection in enumerate(found) if len(detection.left)]
+    assert seen and seen == list(range(seen[0], len(found)))  # once found it is followed
+    assert seen[0] <= 18  # 30 places at up to three views a frame
+    for number in seen:
+        check_lines(found[number], *truth[number])
 
 
 class DeludedDetector(OracleDetector):
@@ -86,7 +128,7 @@ def test_a_track_cannot_confirm_itself():
     scheduler, _, found = detect_all(DeludedDetector(), pictures)
     taken = [detection.left.points_px[:, 0].mean() > 500 for detection in found]
     assert taken[1:10] == [True] * 9  # the view of the box counts for a second
-    assert not any(taken[20:])  # then every picture is searched whole, and its runway is beyond doubt
+    assert not any(taken[20:])  # then the other place is beyond doubt
     assert scheduler.update(None, None, None) == (OTHER_LINES,)  # as long as the view of the box differs
     scheduler.reset()
     assert scheduler.update(None, None, None) == ()

@@ -36,15 +36,18 @@ class DetectConfig:
     min_prior_probability: float = 0.25  # of both lines in a prior's box
     # The rest is chosen with 17 labelled photographs in view: docs/experiments/2026-11-search-on-photographs.md.
     min_close_probability: float = 0.85  # of both lines, however faint the runway is in the whole image
+    # Chosen on frames of strangers' videos: docs/experiments/2026-11-search-over-time.md.
+    min_ahead_probability: float = 0.6  # of both lines with the shape of a runway ahead: `RunwayShape.is_ahead`
     sure_probability: float = 0.87  # of both lines; with it the search ends
     sure_clear_probability: float = 0.75  # the same, times the runway's probability in the whole image
     agreeing_probability: float = 0.75  # of each of two views with the same lines; with them the search ends
     min_view_probability: float = 0.5  # of a runway in a closer view; below it the place is given up
     places: int = 2  # in the whole image that are viewed closer
     min_place_probability: float = 0.02  # of such a place, in the whole image
-    tiles: int = 2  # overlapping parts of the image along each side, searched where nothing else is found; 0: none
-    tile_size: float = 0.6  # of the image's
-    min_tile_probability: float = 0.3  # of a runway in a tile whose place is viewed closer
+    # Overlapping parts of the image, searched where nothing better is found: so many along each side, their size of the
+    # image's.
+    tilings: tuple[tuple[int, float], ...] = ((2, 0.6), (5, 1 / 3))
+    min_tile_probability: float = 0.15  # of a runway in a tile whose place is viewed closer
     fill: float = 0.6  # share of a crop's limiting dimension that the runway takes
     min_width_px: float = 48.0  # image px of a crop; chosen on approaches from 800 m (the same page)
     max_passes: int = 3  # to the final view of a place, the coarse one included
@@ -57,7 +60,6 @@ class DetectConfig:
 
     def __post_init__(self) -> None:
         check_numbers(self, "", "max_passes", "min_rows", "places", least=1)
-        check_numbers(self, "", "tiles", least=0)
 
 
 def closer_crop(box: Float64, crop: Crop, image_size: tuple[int, int], config: DetectConfig) -> Crop:

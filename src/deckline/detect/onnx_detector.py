@@ -18,7 +18,13 @@ from deckline.types import Detection
 # Networks of row anchors alone are trained with a focal loss, so that their confidences are no probabilities. With
 # these thresholds `ufld` gives a point in 0.45 % of 888 views without a runway, and both lines on 74 % of 174 decks.
 ROWS_ALONE = DetectConfig(
-    min_confidence=0.4, min_probability=0.6, min_lone_probability=0.9, min_close_probability=1.1, places=1, tiles=0
+    min_confidence=0.4,
+    min_probability=0.6,
+    min_lone_probability=0.9,
+    min_close_probability=1.1,
+    min_ahead_probability=1.1,
+    places=1,
+    tilings=(),
 )
 
 

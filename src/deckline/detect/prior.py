@@ -87,6 +87,13 @@ def _box_through_lens(low: Array, high: Array, camera: Camera) -> Box | None:
     return float(u0), float(v0), float(u1), float(v1)
 
 
+def widen(box: Box) -> Box:
+    """A box of the last image with the margin that the next one needs."""
+    u0, v0, u1, v1 = box
+    margin = IMAGE_MARGIN * max(u1 - u0, v1 - v0)
+    return u0 - margin, v0 - margin, u1 + margin, v1 + margin
+
+
 class ImagePrior:
     """Carries the last image's lines forward, for frames of one flight in their order that no tracker can follow.
 
@@ -103,9 +110,7 @@ class ImagePrior:
             self._last = None
         if self._last is None or self._last[1] != (frame.camera.width, frame.camera.height):
             return None
-        u0, v0, u1, v1 = self._last[2]
-        margin = IMAGE_MARGIN * max(u1 - u0, v1 - v0)
-        return u0 - margin, v0 - margin, u1 + margin, v1 + margin
+        return widen(self._last[2])
 
     def update(self, frame: Frame, detection: Detection, estimate: RunwayEstimate) -> None:
         """Remember what was seen in a frame, if both lines were and agree."""

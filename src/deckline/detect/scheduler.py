@@ -1,31 +1,40 @@
-"""Detection over the pictures of one flight: one view a picture where the track is sure, a whole search beside it.
+"""Detection over the pictures of one flight: a bounded number of views a frame, the search spread over frames.
 
-A track must not confirm itself. Every `search_s` a picture is searched as if nothing were known, one view a frame, and
-compared with the lines that the track's box gave in the same picture. While they differ, every picture is searched
-whole; from the second such search on the track is flagged.
+One view a frame is of the track's box. Beside it a picture is searched as if nothing were known, while later frames
+come: one view a frame where the track is sure, else up to three views a frame in all. Where that search finds a runway,
+the next frame is viewed there, moved as the picture has moved since.
+
+A track must not confirm itself: every `search_s` such a search is compared with the lines that the track's box gave in
+the same picture. While they differ, one search follows the other, and both places are viewed in every frame; from the
+second such search on the track is flagged.
 """
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.detect.crop import Box
-from deckline.detect.search import Search, search_lines
-from deckline.types import Detection, Diagnostic, Diagnostics, Frame, Reason, RunwayEstimate
+from deckline.detect.crop import Box, box_around
+from deckline.detect.picture_shift import move_box, picture_shift, small_grey
+from deckline.detect.prior import widen
+from deckline.detect.search import CropView, Search, agree, search_lines
+from deckline.types import Detection, Diagnostic, Diagnostics, Frame, LinePoints, Reason, RunwayEstimate
 
+SURE_VIEWS = 2  # of a picture at most where the track is sure
+VIEWS = 3  # of any picture at most
 DONE = object()
+NOTHING = Detection(LinePoints.empty(), LinePoints.empty())
 OTHER_LINES = Diagnostic(Reason.OTHER_LINES, "a search of the whole picture sees other lines than the track")
 
 
 class SearchingDetector(ABC):
     """Base class of detectors whose search can be done one view at a time.
 
-    A detector states that it can by inheriting from this class. A `Flight` then computes one view a frame where its
-    track is sure. A detector that does not inherit searches every picture whole, whatever methods it has.
+    A detector states that it can by inheriting from this class. A `Flight` then spreads the search over the frames. A
+    detector that does not inherit searches every picture whole, whatever methods it has.
     """
 
     @abstractmethod
@@ -34,12 +43,24 @@ class SearchingDetector(ABC):
 
 
 @dataclass(frozen=True, eq=False)
-class BackgroundSearch:
-    """A search under way, and the lines that the track's box gave in its picture."""
+class HeldSearch:
+    """A search under way, of a picture that is held meanwhile."""
 
     search: Search
     steps: Iterator[None]
-    detection: Detection
+    grey: NDArray[np.float32]
+    """The picture, small."""
+    reference: Detection | None
+    """What other views gave in the same picture; None: nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class FoundPlace:
+    """Where a search, or a view after it, saw a runway."""
+
+    box: Box
+    grey: NDArray[np.float32]
+    """The picture in which it was there, small."""
 
 
 class SearchScheduler:
@@ -48,7 +69,7 @@ class SearchScheduler:
     Args:
         detector: finds the lines.
         search_s: from the end of one search beside the track to the next, s. A picture that comes later than that after
-            the one before is searched whole; 0: every picture is.
+            the one before is searched whole at once; 0: every picture is.
     """
 
     def __init__(self, detector: SearchingDetector, search_s: float) -> None:
@@ -59,7 +80,8 @@ class SearchScheduler:
     def reset(self) -> None:
         """Forget all pictures, and the search under way."""
         self._contradictions = 0  # searches in a row that found other lines than the track's box
-        self._background: BackgroundSearch | None = None
+        self._held: HeldSearch | None = None
+        self._place: FoundPlace | None = None
         self._last_s = -np.inf  # when a search ended
         self._seen_s = -np.inf  # the last picture's time
 
@@ -79,29 +101,85 @@ class SearchScheduler:
             box: where the runway should be; None: not known.
             is_sure: the pictures before confirm the box.
         """
-        search, roi_search = (self.detector.start_search(image_rgb) for _ in range(2))  # the box is no place searched
-        view_roi = None if box is None else cache(partial(roi_search.search_prior, box))
         follows, self._seen_s = 0 < time_s - self._seen_s <= self.search_s, time_s
-        roi_view = view_roi() if view_roi is not None and is_sure and follows else None
-        least = roi_search.config.agreeing_probability
-        if roi_view is not None and roi_view.probability >= least and not self._contradictions:
-            self._search_beside(time_s, image_rgb, roi_view.lines)
-            return roi_view.lines
-        detection = search_lines(search, view_roi)
-        self._background, self._last_s = None, time_s
-        self._compare(search, detection if roi_view is None else roi_view.lines)
+        if not follows:
+            return self._search_at_once(time_s, image_rgb, box)
+        search = self.detector.start_search(image_rgb)
+        at_box = None if box is None else self._view_box(search, box)
+        if at_box is not None and is_sure and not self._contradictions and self._is_sure_pair(search, at_box):
+            self._place = None
+            if self._held is not None or time_s - self._last_s >= self.search_s:
+                self._search_on(time_s, image_rgb, at_box.lines, SURE_VIEWS - len(search.crops))
+            return at_box.lines
+        at_place = None if self._place is None else self._view_place(search, self._place)
+        seen = _choose(search, at_box, at_place)
+        compared = at_box or seen
+        reference = None if compared is None else compared.lines
+        found = self._search_on(time_s, image_rgb, reference, VIEWS - len(search.crops))
+        return found if seen is None else seen.lines
+
+    def _search_at_once(self, time_s: float, image_rgb: NDArray[np.uint8], box: Box | None) -> Detection:
+        search, beside = (self.detector.start_search(image_rgb) for _ in range(2))  # the box is no place searched
+        detection = search_lines(search, None if box is None else partial(beside.search_prior, box))
+        self._held, self._place, self._last_s = None, None, time_s
+        self._contradictions = self._contradictions + 1 if search.contradicts(detection) else 0
         return detection
 
-    def _search_beside(self, time_s: float, image_rgb: NDArray[np.uint8], detection: Detection) -> None:
-        """One view of the search of this picture, or of the search under way."""
-        if self._background is None:
-            if 0 <= time_s - self._last_s < self.search_s:
-                return
-            search = self.detector.start_search(image_rgb)
-            self._background = BackgroundSearch(search, search.steps(), detection)
-        if next(self._background.steps, DONE) is DONE:
-            self._compare(self._background.search, self._background.detection)
-            self._background, self._last_s = None, time_s
+    def _view_box(self, search: Search, box: Box) -> CropView | None:
+        """The view of the box where the runway should be; None where it shows neither both lines nor a clear one."""
+        view = search.view_prior(box, passes=2 if self._place is None and self._held is None else 1)
+        is_line = view.count == 1 and view.probability >= search.config.min_lone_probability
+        return view if is_line or search.shows_pair(view, box) else None
 
-    def _compare(self, search: Search, detection: Detection) -> None:
-        self._contradictions = self._contradictions + 1 if search.contradicts(detection) else 0
+    def _is_sure_pair(self, search: Search, view: CropView) -> bool:
+        return view.count == 2 and view.probability >= search.config.agreeing_probability
+
+    def _view_place(self, search: Search, place: FoundPlace) -> CropView | None:
+        """The view of where the runway was found, moved as the picture has moved; followed as long as it shows."""
+        grey = small_grey(search.image_rgb)
+        shift = picture_shift(place.grey, grey)
+        box = widen(place.box) if shift is None else move_box(widen(place.box), shift, search.image_size[0])
+        view = search.view_prior(box, passes=VIEWS - 1 - len(search.crops))
+        is_seen = search.shows_pair(view, box)
+        self._place = FoundPlace(box_around(view.lines.left, view.lines.right), grey) if is_seen else None
+        return view if is_seen else None
+
+    def _search_on(
+        self, time_s: float, image_rgb: NDArray[np.uint8], reference: Detection | None, views: int
+    ) -> Detection:
+        """So many views of the search under way, or of a new one of this picture, to compare with a reference.
+
+        Returns the lines that it found in this picture beyond what a whole search could change.
+        """
+        if self._held is None:
+            search = self.detector.start_search(image_rgb)
+            self._held = HeldSearch(search, search.steps(), small_grey(image_rgb), reference)
+        held = self._held
+        most = len(held.search.crops) + views
+        while len(held.search.crops) < most:
+            if next(held.steps, DONE) is DONE or (held.reference is None and held.search.is_decided):
+                self._end_search(time_s, held)
+                break
+        if held.search.image_rgb is not image_rgb:
+            return NOTHING
+        found = held.search.choose() if self._held is None else held.search.choose_clear()
+        return NOTHING if found is None else found.lines
+
+    def _end_search(self, time_s: float, held: HeldSearch) -> None:
+        self._held, self._last_s = None, time_s
+        found, reference = held.search.choose(), held.reference
+        has_pair = reference is not None and min(len(reference.left), len(reference.right)) > 0
+        differs = reference is not None and has_pair and held.search.contradicts(reference)
+        self._contradictions = self._contradictions + 1 if differs else 0
+        if found is not None and found.count == 2 and (differs or not has_pair):
+            self._place = FoundPlace(box_around(found.lines.left, found.lines.right), held.grey)
+
+
+def _choose(search: Search, at_box: CropView | None, at_place: CropView | None) -> CropView | None:
+    """Which of two views of a picture counts: the box's, unless another place is beyond doubt or more probable."""
+    if at_place is None or at_box is None or at_box.count < 2:
+        return at_place or at_box
+    config = search.config
+    doubtless = at_place.probability >= config.sure_probability and not agree(at_box.lines, at_place.lines)
+    likelier = at_box.probability < min(at_place.probability, config.min_close_probability)
+    return at_place if doubtless or likelier else at_box

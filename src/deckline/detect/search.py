@@ -2,7 +2,8 @@
 
 A view is one inference of the network on one crop. The view of the whole image proposes places; views of overlapping
 tiles propose more. At each place the views become closer until the runway fills a good half of one. The closest view
-decides: in the view of a whole photograph a runway is often faint.
+decides: in the view of a whole photograph a runway is often faint. A pair of lines may be less probable where it has
+the shape of a runway ahead of the camera.
 """
 
 from collections import deque
@@ -18,6 +19,7 @@ from deckline.checks import check_image
 from deckline.detect.anchors import NetworkOutput, Region, decode_places, decode_region
 from deckline.detect.coarse_to_fine import DetectConfig, closer_crop, decode_lines, is_final
 from deckline.detect.crop import Box, Crop, box_around, crop_around, full_crop, normalise, sample_crop, tile_crops
+from deckline.detect.runway_shape import runway_shape
 from deckline.types import Detection, LinePoints
 
 SAME_LINE_PX = 2.0  # median distance of one detection's points from another detection's line
@@ -25,6 +27,7 @@ SAME_LINE_SHARE = 0.05  # of the runway's width near the aircraft, where that is
 # A crop that differs by less than both from a viewed one shows nothing new.
 SAME_CROP_SHIFT = 0.08  # of a view's width
 SAME_CROP_SCALE = 1.15  # ratio of the steps
+AHEAD_BONUS = 0.2  # in probability, of a pair ahead over one that is not; chosen with the thresholds of `DetectConfig`
 
 Float64 = NDArray[np.float64]
 Infer = Callable[[NDArray[np.float32]], NetworkOutput]  # (3, height, width) normalised crop -> outputs
@@ -77,7 +80,9 @@ class Search:
     crops: list[Crop] = field(default_factory=list)
     """All that were viewed, in order."""
     candidates: list[CropView] = field(default_factory=list)
-    """The closest view of every place."""
+    """The closest view of every place of the whole image."""
+    tile_candidates: list[CropView] = field(default_factory=list)
+    """The closest view of every place of a tile."""
 
     def __post_init__(self) -> None:
         check_image(self.image_rgb)
@@ -105,7 +110,7 @@ class Search:
     def steps(self) -> Iterator[None]:
         """The whole search in steps of one view each. All places are viewed, also when lines are beyond doubt."""
         yield from self._search_places(all_places=True)
-        if not any(view.count == 2 for view in self.accepted):
+        if not self.is_settled:
             yield from self._search_tiles()
 
     def _search_places(self, all_places: bool = False) -> Iterator[None]:
@@ -113,20 +118,19 @@ class Search:
         yield
         for place in places:
             if place.probability >= self.config.min_place_probability and (all_places or not self.is_decided):
-                yield from self._approach(self.whole, place.box)
+                yield from self._approach(self.whole, place.box, self.candidates)
 
     def _search_tiles(self) -> Iterator[None]:
-        if not self.config.tiles:
-            return
-        for crop in tile_crops(self.image_size, self.config.grid.size, self.config.tiles, self.config.tile_size):
-            if self.is_decided:
-                break
-            tile = self.view_crop(crop)
-            yield
-            if tile.region.probability >= self.config.min_tile_probability:
-                yield from self._approach(tile, tile.region.box)
+        for count, share in self.config.tilings:
+            for crop in tile_crops(self.image_size, self.config.grid.size, count, share):
+                if self.is_decided:
+                    return
+                tile = self.view_crop(crop)
+                yield
+                if tile.region.probability >= self.config.min_tile_probability:
+                    yield from self._approach(tile, tile.region.box, self.tile_candidates)
 
-    def _approach(self, view: CropView, box: Float64) -> Iterator[None]:
+    def _approach(self, view: CropView, box: Float64, candidates: list[CropView]) -> Iterator[None]:
         """Ever closer views of a box of a view; the last one becomes a candidate, unless a view shows no runway."""
         for _ in range(self.config.max_passes - 1):
             crop = closer_crop(box, view.crop, self.image_size, self.config)
@@ -142,39 +146,62 @@ class Search:
             if view.region.probability < self.config.min_view_probability:
                 return
             box = view.region.box
-        if view not in self.candidates:  # by identity: two places may end at the whole, which cannot agree with itself
-            self.candidates.append(view)
+        if view not in candidates:  # by identity: two places may end at the whole, which cannot agree with itself
+            candidates.append(view)
 
     def search_prior(self, box: Box) -> CropView | None:
         """The closest view of a box in the image, with both lines about its middle; None where they are not seen."""
+        view = self.view_prior(box, self.config.max_passes)
+        return view if self.shows_pair(view, box) else None
+
+    def view_prior(self, box: Box, passes: int) -> CropView:
+        """The closest view of a box in the image, after so many views at most."""
         view = self.view_crop(
             crop_around(box, self.image_size, self.config.grid.size, self.config.fill, self.config.min_width_px)
         )
-        for _ in range(self.config.max_passes - 1):
+        for _ in range(passes - 1):
             crop = closer_crop(view.region.box, view.crop, self.image_size, self.config)
             if view.region.probability < self.config.min_prior_probability or is_final(crop, view.crop, self.config):
                 break
             view = self.view_crop(crop)
-        seen = view.count == 2 and view.probability >= self.config.min_prior_probability
-        return view if seen and _is_centred_in(view.lines, box) else None
+        return view
+
+    def shows_pair(self, view: CropView, box: Box) -> bool:
+        """Whether a view of a box where the runway should be shows both lines, about the middle of the box."""
+        is_seen = view.count == 2 and view.probability >= self.config.min_prior_probability
+        return is_seen and _is_centred_in(view.lines, box)
 
     def contradicts(self, detection: Detection) -> bool:
-        """Whether pairs of lines were found, none of them this detection's."""
-        pairs = [view.lines for view in self.accepted if view.count == 2]
-        return bool(pairs) and not any(_agrees(lines, detection) for lines in pairs)
+        """Whether clear pairs of lines were found, and no pair that counts is this detection's."""
+        pairs = [view for view in self.accepted if view.count == 2]
+        return any(map(self._is_clear, pairs)) and not any(agree(view.lines, detection) for view in pairs)
 
     @property
     def accepted(self) -> list[CropView]:
-        """Candidates whose lines are probable enough to count."""
-        return [view for view in self.candidates if self._is_accepted(view)]
+        """Candidates whose lines count."""
+        clear = [view for view in self.candidates if self._is_clear(view) or self._is_ahead(view)]
+        return clear + [view for view in self.tile_candidates if self._is_clear_tile(view) or self._is_ahead(view)]
 
-    def _is_accepted(self, view: CropView) -> bool:
+    def _is_clear(self, view: CropView) -> bool:
         if view.count < 2:
             return view.count == 1 and self.clear_probability(view) >= self.config.min_lone_probability
         return (
             view.probability >= self.config.min_close_probability
             or self.clear_probability(view) >= self.config.min_probability
         )
+
+    def _is_clear_tile(self, view: CropView) -> bool:
+        """Whether a pair of lines of a tile's place counts: the whole image shows a runway somewhere."""
+        whole = self.whole.region.probability
+        close = view.probability >= self.config.min_close_probability
+        return view.count == 2 and close and whole >= self.config.min_view_probability
+
+    def _is_ahead(self, view: CropView) -> bool:
+        """Whether a pair of lines is probable enough for a runway that lies ahead."""
+        if view.count < 2 or view.probability < self.config.min_ahead_probability:
+            return False
+        shape = runway_shape(view.lines)
+        return shape is not None and shape.is_ahead(self.image_size[0])
 
     def clear_probability(self, view: CropView) -> float:
         """Of a view's lines, times the runway's in the whole image."""
@@ -190,15 +217,29 @@ class Search:
         )
 
     @property
+    def is_settled(self) -> bool:
+        """Whether tiles could find nothing better: a pair lies ahead, or is clear in the whole image too."""
+        clear = self.config.sure_clear_probability
+        pairs = [view for view in self.accepted if view.count == 2]
+        return any(self._is_ahead(view) or self.clear_probability(view) >= clear for view in pairs)
+
+    @property
     def is_decided(self) -> bool:
-        """Whether a candidate's pair of lines is beyond doubt, or two candidates agree on one."""
+        """Whether a pair is beyond doubt, or two candidates agree on one, and tiles could find nothing better."""
         likely = [view for view in self.accepted if view.probability >= self.config.agreeing_probability]
         pairs = combinations([view.lines for view in likely if view.count == 2], 2)
-        return self.is_sure or any(_agrees(one, other) for one, other in pairs)
+        return self.is_settled and (self.is_sure or any(agree(one, other) for one, other in pairs))
 
     def choose(self) -> CropView | None:
-        """The candidate whose lines count: the most probable pair, else the most probable lone line."""
-        return max(self.accepted, key=lambda view: (view.count, view.probability), default=None)
+        """The candidate whose lines count: the likeliest pair, above all one ahead, else the likeliest lone line."""
+        return max(self.accepted, key=self._rank, default=None)
+
+    def choose_clear(self) -> CropView | None:
+        """The same of the places of the whole image that count whatever else the image shows."""
+        return max(filter(self._is_clear, self.candidates), key=self._rank, default=None)
+
+    def _rank(self, view: CropView) -> tuple[int, float]:
+        return view.count, view.probability + (AHEAD_BONUS if self._is_ahead(view) else 0.0)
 
 
 def detect_lines(
@@ -219,7 +260,7 @@ def search_lines(search: Search, search_prior: Callable[[], CropView | None] | N
     The whole image is always searched, so that a wrong prior hides no certain lines. Where no lines are certain, the
     prior's box is viewed. A pair of lines counts there if it lies about the middle of the box and agrees with a lone
     line of the search. It replaces a pair of the search that is less probable, or any pair if it would be accepted
-    without a prior. While a line is missing, tiles are searched.
+    without a prior. Tiles are searched while no pair lies ahead or is clear.
 
     Args:
         search: of the image.
@@ -230,8 +271,8 @@ def search_lines(search: Search, search_prior: Callable[[], CropView | None] | N
     if search_prior is not None and not search.is_sure:
         at_prior = search_prior()
         if at_prior is not None and (found is None or _is_better(at_prior, found, search.config)):
-            found = at_prior
-    if found is None or found.count < 2:
+            return at_prior.lines
+    if not search.is_settled:
         search.search_tiles()
         found = search.choose()
     return Detection(LinePoints.empty(), LinePoints.empty()) if found is None else found.lines
@@ -254,7 +295,7 @@ def _is_centred_in(detection: Detection, box: Box) -> bool:
     return box[0] <= (u0 + u1) / 2 <= box[2] and box[1] <= (v0 + v1) / 2 <= box[3]
 
 
-def _agrees(one: Detection, other: Detection) -> bool:
+def agree(one: Detection, other: Detection) -> bool:
     """Whether two detections have the same two lines."""
     pairs = ((one.left.points_px, other.left.points_px), (one.right.points_px, other.right.points_px))
     near = [points[points[:, 1].argmax()] for points, _ in pairs]

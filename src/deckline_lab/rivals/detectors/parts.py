@@ -34,7 +34,7 @@ PUBLISHED_SEARCH: dict[str, Any] = {
     "min_view_probability": 0.0,
     "min_place_probability": 0.0,
     "places": 1,
-    "tiles": 0,
+    "tilings": (),
 }
 
 
