@@ -3,9 +3,9 @@
     python scripts/choose_thresholds.py SOURCE... [--detector hybrid] [--deckless 600 --seed 901]
 
 Sources are recordings with truth and folders with labels.json, where null for both lines means no runway; further
-views without a runway are rendered. Every view is searched once, with tiles unless its lines are final. All
-combinations are then tried on the network's stored outputs. For every share of false lines the combination that finds
-most lines is printed, after the detector's own.
+views without a runway are rendered. The likeliest places of every view are searched once; tiles, whose pairs count by
+their shape too, are not. All combinations are then tried on the network's stored outputs. For every share of false lines
+the combination that finds most lines is printed, after the detector's own.
 """
 
 import argparse
@@ -45,7 +45,6 @@ class ScoredView(NamedTuple):
     expected: ExpectedLines
     whole: CropView  # of the whole image
     candidates: list[CropView]
-    first: int  # how many of them were found without tiles
 
 
 class Trial(NamedTuple):
@@ -78,10 +77,7 @@ def run_detector(
 ) -> ScoredView:
     found = Search(image_rgb, detector.infer, detector.config)
     found.search_whole()
-    first = len(found.candidates)
-    if not found.is_decided:
-        found.search_tiles()
-    return ScoredView(camera, expected, found.whole, found.candidates, first)
+    return ScoredView(camera, expected, found.whole, found.candidates)
 
 
 class Rated(NamedTuple):
@@ -95,13 +91,12 @@ class Rated(NamedTuple):
 def rate(one: ScoredView, count: int, row: float) -> list[Rated]:
     """The candidates with so many lines; the search takes the first one that counts."""
     rated = []
-    for index, candidate in enumerate(one.candidates):
+    for candidate in one.candidates:
         view = replace(candidate, config=replace(candidate.config, min_confidence=row))
         if view.count == count:
             clear = view.probability * (1.0 if candidate is one.whole else one.whole.region.probability)
-            by_tile = count == 2 and index >= one.first  # tiles are searched where no pair counts
-            rated.append((by_tile, Rated(measure_errors(one, view.lines), view.probability, clear)))
-    return [each for _, each in sorted(rated, key=lambda item: (item[0], -item[1].probability))]
+            rated.append(Rated(measure_errors(one, view.lines), view.probability, clear))
+    return sorted(rated, key=lambda each: -each.probability)
 
 
 def measure_errors(one: ScoredView, lines: Detection) -> NDArray[np.float64]:

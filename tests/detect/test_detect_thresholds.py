@@ -51,7 +51,7 @@ def test_a_trial_counts_and_measures_what_the_search_chooses(row, monkeypatch):
     left, right = (np.array([[u, 0.0], [u, 287.0]]) for u in (100.0, 340.0))
     deck = ExpectedLines(SceneKind.DECK, {"left": left, "right": right}, visibility_m=1000.0)
     camera = Camera.from_fov(512, 288, 1.0)
-    views = [SCRIPT["ScoredView"](camera, deck, one.whole, one.candidates, 3) for one in searches]
+    views = [SCRIPT["ScoredView"](camera, deck, one.whole, one.candidates) for one in searches]
     empty = views[0]._replace(expected=ExpectedLines(SceneKind.EMPTY, {"left": None, "right": None}))
     tried = SCRIPT["try_thresholds"]([*views, empty], row)
     for trial, (both, close, lone) in zip(tried, product(*TRIED.values()), strict=True):
