@@ -49,7 +49,6 @@ NOTES = (
     f"of {COST_RUNS} processes.",
 )
 DIFFERS = """\
-The figures saved with deckline are of a former recipe, as their command says; with --minutes the present one trains.
 What differs: the paper trains on pictures of its own, 600,000 steps of 16 on an RTX 4090. Here all see the same
 simulated pairs, averaged down by two and cut into eight squares of 256x256, for the same time of one core. The paper's
 text does not name its five rivals; DehazeFormer's figure is ours less the lead that it states."""
