@@ -105,8 +105,9 @@ def test_a_stated_accuracy_keeps_its_share_of_white_noise():
 
 def test_every_option_has_one_target_in_the_configuration():
     config = RunConfig()
-    assert set(TARGETS) == set(vars(RunOptions())) - {"config", "grade", "no_track"}
+    assert set(TARGETS) == set(vars(RunOptions())) - {"config", "grade", "thorough", "no_track"}
     assert not RunOptions(no_track=True).run_config().tracking.enabled
+    assert RunOptions(thorough=True).run_config().tracking.search_s == 0 < RunOptions().run_config().tracking.search_s
     assert all(hasattr(getattr(config, section), name) for section, name in TARGETS.values())
 
 

@@ -78,7 +78,8 @@ class RunOptions:
         precision: of the networks' arithmetic: f32 (the default), or with openvino bf16 where the processor has it.
         mode: of distances: depth camera (fine), deck plane (coarse), or both (auto).
         measure_visibility: of every frame, for its record; each is dehazed for it.
-        no_track: treat every frame alone, without the filter over the frames of one flight.
+        thorough: search every picture whole at once, half a second each.
+        no_track: treat every frame alone, without the filter over frames.
     """
 
     config: Annotated[Path | None, _flag("FILE")] = None
@@ -107,6 +108,7 @@ class RunOptions:
     precision: Annotated[Precision | None, _flag("{f32,bf16}")] = None
     mode: Annotated[Mode | None, _flag("{auto,fine,coarse}")] = None
     measure_visibility: tyro.conf.FlagCreatePairsOff[bool] = False
+    thorough: tyro.conf.FlagCreatePairsOff[bool] = False
     no_track: tyro.conf.FlagCreatePairsOff[bool] = False
 
     def run_config(self, base: RunConfig | None = None) -> RunConfig:
@@ -121,7 +123,8 @@ class RunOptions:
             config = read_run_config(self.config, config)
         if self.grade is not None:
             config = replace(config, sensors=GRADES[self.grade])
-        sections: dict[str, dict[str, Any]] = {"tracking": {"enabled": False}} if self.no_track else {}
+        flags = {"enabled": False} if self.no_track else {}
+        sections: dict[str, dict[str, Any]] = {"tracking": flags | ({"search_s": 0.0} if self.thorough else {})}
         for option, (section, name) in TARGETS.items():
             value = getattr(self, option)
             if value is not None and value is not False:  # a flag that is not set leaves the file's value
