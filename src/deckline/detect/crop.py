@@ -66,7 +66,7 @@ def full_crop(image_size: tuple[int, int], network_size: tuple[int, int]) -> Cro
 
 
 def tile_crops(image_size: tuple[int, int], network_size: tuple[int, int], count: int, share: float) -> list[Crop]:
-    """`count` x `count` parts of an image (width, height), row by row, each `share` as large as the whole's crop.
+    """`count` x `count` parts of an image (width, height), the middle ones first, each `share` of the whole's crop.
 
     They are spread evenly from edge to edge; an image that is smaller than the part along an axis is centred in it.
     """
@@ -75,7 +75,9 @@ def tile_crops(image_size: tuple[int, int], network_size: tuple[int, int], count
         [_shift_inside(at, side * step, limit) for at in np.linspace(0.0, max(limit - side * step, 0.0), count)]
         for side, limit in zip(network_size, image_size, strict=True)
     ]
-    return [Crop(float(left), float(top), step) for top in places[1] for left in places[0]]
+    middle = (count - 1) / 2
+    order = sorted(np.ndindex(count, count), key=lambda at: float(np.hypot(at[0] - middle, at[1] - middle)))
+    return [Crop(float(places[0][column]), float(places[1][row]), step) for row, column in order]
 
 
 def crop_around(
