@@ -46,8 +46,11 @@ class FlightPerSet:
     @property
     def settings(self) -> dict[str, Any]:
         """What decides the answers."""
-        each = {name: settings_of(self._start(config)) for name, config in self._configs.items()}
-        return {"flown": each}
+        flown = {}
+        for name, config in self._configs.items():
+            with self._start(config) as flight:
+                flown[name] = settings_of(flight)
+        return {"flown": flown}
 
     def __call__(self, sample: FrameSample, prior: RunwayPrior | None = None) -> FrameResult:
         """The next frame of its set, from the first one on."""
