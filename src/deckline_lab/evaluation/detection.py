@@ -118,13 +118,12 @@ def detection(
     scores = modes[SINGLE]
     title = f"{name_sets(sets)}; dehazer {dehazer}, detector {detector}"
     title += "" if prior_sigma_m is None else f"; runway prior with 1-sigma of {prior_sigma_m:g} m"
-    every, *others = detection_tables(scores)
     approaches = {mode: approach_figures(members) for mode, members in modes.items()}
     is_flight = flown or "approaches" in approaches[SINGLE]
-    figures = flat_figures(scores)
+    figures, tables = flat_figures(scores), detection_tables(scores)
     if is_flight:
         figures |= {f"{mode}.{name}": value for mode, part in approaches.items() for name, value in part.items()}
-    tables = [every, *([approach_table(approaches)] if is_flight else []), *others]
+        tables.insert(1, approach_table(approaches))
     publish(title, tables, figures, output, [NOTES])
     if out is not None and worst:
         print(write_worst(out, {item.name: item for item in sets}, scores, worst, flight))
