@@ -29,7 +29,15 @@ from deckline_lab.evaluation.dehazers import (
     size_of,
 )
 from deckline_lab.evaluation.dehazing_pairs import Pair, PairSource, open_pairs
-from deckline_lab.evaluation.dehazing_score import ImageScore, restoration, score_lines, summarise, summarise_film
+from deckline_lab.evaluation.dehazing_score import (
+    ImageScore,
+    lines_are_right,
+    restoration,
+    score_lines,
+    summarise,
+    summarise_film,
+    visible_figures,
+)
 from deckline_lab.evaluation.dehazing_tables import DehazingResults, dehazing_tables, json_of
 from deckline_lab.evaluation.no_reference import no_reference_figures, visible_range_m
 from deckline_lab.evaluation.pictures import sheet
@@ -149,6 +157,7 @@ def dehazing(config: Annotated[DehazingConfig, tyro.conf.arg(name="")]) -> int:
         cost_size_px=config.cost_size,
         failed=failed,
         skipped=tuple(skipped),
+        visible=visible_figures(scores) if bench.flight is not None else {},
     )
     figures = json_of(results) | {"about": made_with()}
     notes = [f"skipped {len(skipped)}; the first: {': '.join(skipped[0])}"] if skipped else []
@@ -227,10 +236,12 @@ def _score(bench: DehazingBench, source: str, key: str, name: str, pair: Pair) -
     if pair.clear_rgb is not None:
         figures |= restoration(restored.image_rgb, pair.clear_rgb, pair.surface)
     score = ImageScore(source, key, name, pair.visibility_m, figures, restored.note, pair.film)
+    score = replace(score, time_s=pair.frame.time_s, range_m=pair.range_m)
     if bench.flight is None or pair.lines is None:
         return score
-    found, distances_px = score_lines(bench.flight(replace(pair.frame, image_rgb=restored.image_rgb)), pair.lines)
-    return replace(score, found=found, distances_px=distances_px)
+    result = bench.flight(replace(pair.frame, image_rgb=restored.image_rgb))
+    found, distances_px = score_lines(result, pair.lines)
+    return replace(score, found=found, distances_px=distances_px, is_right=lines_are_right(result.detection, pair))
 
 
 def _costs(config: DehazingConfig, bench: DehazingBench, score: ImageScore) -> tuple[dict[str, Cost], dict[str, str]]:

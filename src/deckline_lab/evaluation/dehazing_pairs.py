@@ -20,6 +20,7 @@ from deckline.recording import FrameError, Recording, open_recording
 from deckline.recording.image_folder import ImageFolder
 from deckline.recording.images import read_image
 from deckline.recording.source import is_inside, parse_json, read_text
+from deckline.truth import range_to_ramp_m
 from deckline.types import SIDES, Frame, Truth
 from deckline_lab.evaluation.metrics import distance_px, normal_pixel_error
 from deckline_lab.labels.lines import LABELS_FILE, Labels, read_labels
@@ -43,6 +44,7 @@ class Pair:
     lines: Mapping[str, Distances] | None  # None: not both true lines are in view, or nobody knows them
     film: str | None = None  # of FILMS; None: not known
     in_view: tuple[VisibleLine, ...] = ()  # left and right as far as in the picture; empty: not both, or no ranges
+    range_m: float = math.nan  # aircraft to the ramp, horizontal; NaN when unknown
 
 
 @dataclass(frozen=True)
@@ -106,7 +108,8 @@ def _recorded(frame: Frame, with_depth: bool, has_clear: bool) -> Pair:
     segments = [segment for segment in (truth.left, truth.right) if segment is not None]
     seen = [find_visible_line(frame, segment, within_visibility=False) for segment in segments]
     in_view = tuple(line for line in seen if line is not None)
-    return replace(pair, film=film_of(truth.conditions), in_view=in_view if len(in_view) == len(SIDES) else ())
+    in_view = in_view if len(in_view) == len(SIDES) else ()
+    return replace(pair, film=film_of(truth.conditions), in_view=in_view, range_m=range_to_ramp_m(frame))
 
 
 def _labelled(folder: Path, source: ImageFolder, every: int, with_depth: bool) -> PairSource:

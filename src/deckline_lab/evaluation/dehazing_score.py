@@ -1,6 +1,7 @@
 """Dehazers against clear pictures, and what they do to the lines: per image, and summed up by visibility."""
 
-from collections.abc import Callable, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -10,11 +11,18 @@ from numpy.typing import NDArray
 from deckline.dehaze import NOT_DEHAZED
 from deckline.flight import FrameResult
 from deckline.report.bands import by_band, share
-from deckline.types import SIDES, LineVisibility
-from deckline_lab.evaluation.dehazing_pairs import FILMS, Distances
+from deckline.types import SIDES, Detection, LineVisibility
+from deckline_lab.evaluation.dehazing_pairs import FILMS, Distances, Pair
 from deckline_lab.evaluation.metrics import SSIM_WINDOW_PX, psnr_db, ssim
 from deckline_lab.evaluation.no_reference import summarise_no_reference
 from deckline_lab.evaluation.tables import Figures
+from deckline_lab.evaluation.visible_distance import (
+    ApproachFrame,
+    are_right,
+    near_width_px,
+    tolerance_px,
+    visible_distance,
+)
 from deckline_lab.statistics import DEHAZING_VISIBILITY_M, Difference, median_and_p95, paired_difference
 
 MOST_PSNR_DB = 60.0  # what an untouched picture counts, so that means are finite
@@ -37,6 +45,9 @@ class ImageScore:
     film: str | None = None  # of FILMS; None: not known
     found: bool | None = None  # both lines, in agreement with each other; None: not both lines are in view
     distances_px: Sequence[float] = ()  # normal distance of every detected point to its true line
+    time_s: float = math.nan
+    range_m: float = math.nan  # aircraft to the ramp, horizontal; NaN when unknown
+    is_right: bool = False  # both lines, as `visible_distance` counts
 
     @property
     def image(self) -> tuple[str, str]:
@@ -77,6 +88,24 @@ def score_lines(result: FrameResult, lines: Mapping[str, Distances]) -> tuple[bo
     """Whether both lines are found in agreement, and the distances of all detected points to the true lines, px."""
     distances = [lines[side](getattr(result.detection, side).points_px) for side in SIDES]
     return result.estimate.seen is LineVisibility.BOTH, np.concatenate(distances).tolist()
+
+
+def lines_are_right(detection: Detection, pair: Pair) -> bool:
+    """Whether both lines are where a recorded pair's truth has them; False where it does not show both."""
+    if pair.lines is None or not pair.in_view:
+        return False
+    allowed = tolerance_px(pair.frame.camera.width, near_width_px(*(line.points_px for line in pair.in_view)))
+    points = {side: getattr(detection, side).points_px for side in SIDES}
+    return are_right([pair.lines[side](px) for side, px in points.items()], allowed)
+
+
+def visible_figures(scores: Iterable[ImageScore]) -> dict[str, Figures]:
+    """By dehazer, where the detector behind it first holds both lines on the recordings that are approaches."""
+    frames: dict[str, list[ApproachFrame]] = {}
+    for score in scores:
+        frame = ApproachFrame(score.source, score.time_s, score.range_m, score.visibility_m, score.is_right)
+        frames.setdefault(score.dehazer, []).append(frame)
+    return {name: visible_distance(each) for name, each in frames.items()}
 
 
 def summarise(scores: Sequence[ImageScore], reference: str) -> dict[str, dict[str, DehazingSummary]]:

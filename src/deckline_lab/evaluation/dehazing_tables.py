@@ -9,7 +9,8 @@ from deckline.dehaze import NOT_DEHAZED
 from deckline_lab.evaluation.dehazers import Cost
 from deckline_lab.evaluation.dehazing_score import ALL, DehazingSummary, Summaries, worse_lines
 from deckline_lab.evaluation.no_reference import no_reference_table
-from deckline_lab.evaluation.tables import MISSING, Table, number
+from deckline_lab.evaluation.tables import MISSING, Figures, Table, number
+from deckline_lab.evaluation.visible_distance import visible_tables
 from deckline_lab.statistics import Difference
 
 INTERVALS = (
@@ -46,6 +47,7 @@ class DehazingResults:
     cost_size_px: tuple[int, int]
     failed: Mapping[str, str]  # dehazer -> why its cost could not be measured
     skipped: tuple[tuple[str, str], ...]  # image, reason
+    visible: Mapping[str, Figures]  # dehazer -> where the lines are first held; empty without a detector
 
     @property
     def levels(self) -> dict[str, str]:
@@ -66,6 +68,7 @@ def dehazing_tables(results: DehazingResults) -> list[Table]:
         tables.append(_grouped(results, "rain and motion blur", results.film, (FILM,)))
     if any(summary.asked for summary in results.summaries[ALL].values()):
         tables.append(_lines(results))
+    tables += visible_tables((((name,), figures) for name, figures in results.visible.items()), ("dehazer",))
     no_reference = {name: summary.no_reference for name, summary in results.summaries[ALL].items()}
     return [*tables, no_reference_table(no_reference)]
 
@@ -165,6 +168,7 @@ def json_of(results: DehazingResults) -> dict[str, Any]:
         "reference": results.reference,
         "visibility": visibility,
         "film": film,
+        "visible_distance": results.visible,
         "higher_psnr_worse_lines": {band: worse_lines(members) for band, members in results.summaries.items()},
         "size": {
             name: None if size is None else {"parameters": size[0], "macs_256": size[1]}

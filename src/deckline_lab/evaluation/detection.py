@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import tyro
@@ -13,28 +13,32 @@ import tyro
 from deckline.config import Models
 from deckline.dehaze import NOT_DEHAZED
 from deckline.detect import Detector
+from deckline.flight import Flight
 from deckline.report.bands import share
 from deckline.report.provenance import settings_of
-from deckline.types import Detection
+from deckline.types import Detection, RunwayPrior
 from deckline_lab.evaluation.chain import single_frames_with
 from deckline_lab.evaluation.dehazers import SharedDehazer, detector_label
 from deckline_lab.evaluation.detection_cost import cost_table, measure_costs
+from deckline_lab.evaluation.detection_flown import FLOWN, SINGLE, FlightPerSet, approach_figures, approach_table
 from deckline_lab.evaluation.detection_score import (
     DetectionScore,
     groups,
     reliability,
     score_detection,
     summarise,
+    visible_figures,
     with_scene,
 )
 from deckline_lab.evaluation.detection_truth import SceneKind, draw_runway_prior
 from deckline_lab.evaluation.frames import FrameSample, FrameSet, RenderOptions, Task, name_sets, score_frames
 from deckline_lab.evaluation.pictures import write_worst
 from deckline_lab.evaluation.tables import MISSING, TO_TERMINAL, Figures, Output, Table, number, publish
+from deckline_lab.evaluation.visible_distance import visible_tables
 from deckline_lab.rivals.catalog import flight_from_config
 from deckline_lab.statistics import paired_difference
 
-SCORES_FILE = "scores.jsonl"
+SCORES_FILE, FLOWN_FOLDER = "scores.jsonl", "flown"
 DETECTION_FRAMES, COMPARISON_FRAMES = RenderOptions(), RenderOptions(visibility="200..3000")
 COLUMNS = {  # heading: figure, factor, format
     "found %": ("found_rate", 100.0, ".1f"),
@@ -65,6 +69,15 @@ Key = tuple[str, str]  # detector, dehazer
 Find = Callable[[FrameSample], Detection]
 
 
+class Finder(NamedTuple):
+    """A way to find lines, whose scores are stored in a folder."""
+
+    out: Path | None
+    settings: Mapping[str, Any]
+    find: Find
+    in_order: bool = False
+
+
 def detection(
     sources: tyro.conf.Positional[tuple[Path, ...]] = (),
     render: Annotated[RenderOptions, tyro.conf.arg(name="")] = DETECTION_FRAMES,
@@ -72,13 +85,14 @@ def detection(
     detector: str = Models.detector,
     prior_sigma_m: float | None = None,
     out: Path | None = None,
+    flown: bool = False,
     worst: int = 0,
     output: Output = TO_TERMINAL,
 ) -> int:
     """Measure how well the lines are found in frames whose lines are known, and false lines in frames without.
 
     Prints found-rate, errors, lane scores and calibration of all frames, then by range, visibility, light, contrast and
-    ship. With --out, a stopped command resumes.
+    ship; of approaches how far away the lines are first held. With --out, a stopped command resumes.
 
     Args:
         sources: recordings with truth, folders with labels.json, or folders of recordings.
@@ -88,6 +102,7 @@ def detection(
         prior_sigma_m: give the chain a runway prior with drawn errors of this 1-sigma and 2 degrees, and in frames
             without a runway a false one in view.
         out: folder of the scores of every frame and of the worst frames' pictures.
+        flown: fly the recordings too, tracked and with their poses as in `deckline run`, beside single pictures.
         worst: so many of the worst frames become pictures in --out, with a line of figures each in worst.md.
         output: files of the results.
     """
@@ -95,21 +110,44 @@ def detection(
         raise ValueError(f"--worst must not be negative and needs --out FOLDER for its pictures, got {worst}")
     if prior_sigma_m is not None and not (math.isfinite(prior_sigma_m) and prior_sigma_m >= 0):
         raise ValueError(f"--prior-sigma-m must be a number of metres, 0 or more, got {prior_sigma_m}")
+    if flown and not sources:
+        raise ValueError("--flown needs recordings: rendered views are no flight")
     sets = render.open_sets(sources)
     flight = flight_from_config(single_frames_with(dehazer, detector))
-    settings = {**settings_of(flight), "prior_sigma_m": prior_sigma_m}
-
-    def find(sample: FrameSample) -> Detection:
-        prior = None if prior_sigma_m is None else draw_runway_prior(sample.frame, prior_sigma_m)
-        return flight(sample.frame, prior=prior).detection
-
-    [scores] = score_detections(sets, [(out, settings, find)])
+    modes = _score_modes(sets, flight, prior_sigma_m, flown, out)
+    scores = modes[SINGLE]
     title = f"{name_sets(sets)}; dehazer {dehazer}, detector {detector}"
     title += "" if prior_sigma_m is None else f"; runway prior with 1-sigma of {prior_sigma_m:g} m"
-    publish(title, detection_tables(scores), flat_figures(scores), output, [NOTES])
+    approaches = {mode: approach_figures(members) for mode, members in modes.items()}
+    is_flight = flown or "approaches" in approaches[SINGLE]
+    figures, tables = flat_figures(scores), detection_tables(scores)
+    if is_flight:
+        figures |= {f"{mode}.{name}": value for mode, part in approaches.items() for name, value in part.items()}
+        tables.insert(1, approach_table(approaches))
+    publish(title, tables, figures, output, [NOTES])
     if out is not None and worst:
         print(write_worst(out, {item.name: item for item in sets}, scores, worst, flight))
     return 0
+
+
+def _score_modes(
+    sets: Sequence[FrameSet], flight: Flight, prior_sigma_m: float | None, flown: bool, out: Path | None
+) -> dict[str, list[DetectionScore]]:
+    """The scores of single pictures and, where they are asked for, those as flown."""
+
+    def prior_of(sample: FrameSample) -> RunwayPrior | None:
+        return None if prior_sigma_m is None else draw_runway_prior(sample.frame, prior_sigma_m)
+
+    def find(sample: FrameSample) -> Detection:
+        return flight(sample.frame, prior=prior_of(sample)).detection
+
+    stated = {"prior_sigma_m": prior_sigma_m}
+    with FlightPerSet(sets, flight) as flights:
+        modes: dict[str, Finder] = {SINGLE: Finder(out, settings_of(flight) | stated, find)}
+        if flown:
+            settings, folder = flights.settings | stated, None if out is None else out / FLOWN_FOLDER
+            modes[FLOWN] = Finder(folder, settings, lambda one: flights(one, prior_of(one)).detection, in_order=True)
+        return dict(zip(modes, score_detections(sets, list(modes.values())), strict=True))
 
 
 def detectors(
@@ -136,7 +174,7 @@ def detectors(
     """
     sets = render.open_sets(sources)
     restorers: dict[str, SharedDehazer] = {}
-    methods: dict[Key, tuple[Path | None, dict[str, str], Find]] = {}
+    methods: dict[Key, Finder] = {}
     loaded: dict[str, Detector] = {}
     for each in dict.fromkeys(detector):
         for before in dict.fromkeys(dehazer):
@@ -147,12 +185,15 @@ def detectors(
                 raise ValueError(f"two methods would be called {' behind '.join(key)}: give their files other names")
             find = partial(_find_restored, restorer, flight.detector)
             loaded[key[0]] = flight.detector
-            methods[key] = (None if out is None else out / "+".join(key), settings_of(flight), find)
+            methods[key] = Finder(None if out is None else out / "+".join(key), settings_of(flight), find)
     scores = dict(zip(methods, score_detections(sets, list(methods.values())), strict=True))
     title = f"{name_sets(sets)}, visibility of rendered frames {render.visibility} m"
     summaries = {"+".join(key): summarise(found) for key, found in scores.items()}
     figures = {f"{name}.{key}": value for name, part in summaries.items() for key, value in part.items()}
     tables = comparison_tables(scores)
+    visible = {key: visible_figures(found) for key, found in scores.items()}
+    tables += visible_tables(visible.items(), ("detector", "dehazer"))
+    figures |= {f"{'+'.join(key)}.{name}": value for key, part in visible.items() for name, value in part.items()}
     if cost:
         costs = measure_costs(loaded)
         figures |= {f"{name}.{key}": value for name, part in costs.items() for key, value in part.items()}
@@ -165,15 +206,13 @@ def _find_restored(restorer: SharedDehazer, detector: Callable[..., Detection], 
     return detector(restorer.restore(sample.frame).image_rgb)
 
 
-def score_detections(
-    sets: Sequence[FrameSet], methods: Sequence[tuple[Path | None, Mapping[str, Any], Find]]
-) -> list[list[DetectionScore]]:
-    """Scores of every method, given as its folder, its settings and how it finds lines."""
+def score_detections(sets: Sequence[FrameSet], methods: Sequence[Finder]) -> list[list[DetectionScore]]:
+    """Scores of every method."""
 
     def score(find: Find, sample: FrameSample) -> dict[str, Any]:
         return asdict(score_detection(sample, find(sample)))
 
-    tasks = [Task(folder, SCORES_FILE, settings, partial(score, find)) for folder, settings, find in methods]
+    tasks = [Task(each.out, SCORES_FILE, each.settings, partial(score, each.find), each.in_order) for each in methods]
     return [[DetectionScore(**row) for row in rows] for rows in score_frames(sets, tasks)]
 
 

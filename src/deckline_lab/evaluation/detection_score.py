@@ -1,5 +1,6 @@
 """Detected points against the lines in an image: one frame's score, figures of many frames."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -13,11 +14,16 @@ from deckline_lab.evaluation.frames import FrameSample
 from deckline_lab.evaluation.lane_scores import CuLane, TuSimple, culane, f1, tusimple
 from deckline_lab.evaluation.metrics import distance_px
 from deckline_lab.evaluation.tables import Figures
+from deckline_lab.evaluation.visible_distance import (
+    ApproachFrame,
+    are_right,
+    near_width_px,
+    tolerance_px,
+    visible_distance,
+)
 from deckline_lab.labels.lines import Line, interpolate_rows
 from deckline_lab.statistics import CONTRAST, DETECTION_VISIBILITY_M, LIGHT_PERCENT, median_and_p95
 
-RIGHT_PX = 3.0  # a point this near to its line, in an image of 1280 px, is right: the marks' 95th percentile
-FULL_WIDTH_PX = 1280
 LANE_ROWS = 56  # rows that a line is compared on in TuSimple's score; as many as its own files have
 UNPROJECTABLE_PX = 1e4  # error of a point that no ray of the lens reaches
 DIGITS = 5  # significant digits stored of a point's error and confidence
@@ -43,6 +49,8 @@ class DetectionScore:
     culane: CuLane | None
     light: float  # share of the ramp's light that comes through the air
     contrast: float  # of the fainter line in the image, grey levels; NaN without both
+    time_s: float = math.nan
+    near_width_px: float = math.nan  # of the runway where both true lines begin; NaN without both
 
     @property
     def found(self) -> int:
@@ -52,12 +60,18 @@ class DetectionScore:
     @property
     def right_px(self) -> float:
         """Distance up to which a point is right, in this image."""
-        return RIGHT_PX * self.width_px / FULL_WIDTH_PX
+        return tolerance_px(self.width_px)
 
     @property
     def placed(self) -> bool:
         """Both lines are found, half of each one's points or more within `right_px`."""
-        return self.found == 2 and all(float(np.median(self.errors_px[side])) <= self.right_px for side in SIDES)
+        return are_right([self.errors_px[side] for side in SIDES], self.right_px)
+
+    @property
+    def is_right(self) -> bool:
+        """The same within what `visible_distance` allows."""
+        allowed = tolerance_px(self.width_px, self.near_width_px)
+        return are_right([self.errors_px[side] for side in SIDES], allowed)
 
     @property
     def badness(self) -> tuple[float, float]:
@@ -101,6 +115,8 @@ def score_detection(sample: FrameSample, detection: Detection) -> DetectionScore
         None if expected.scene is SceneKind.UNRATED else culane(predicted, true if deck else [], size),
         expected.light,
         expected.contrast,
+        frame.time_s,
+        near_width_px(*(expected.lines_px[side] for side in SIDES)),
     )
 
 
@@ -151,6 +167,11 @@ def summarise(scores: Sequence[DetectionScore]) -> Figures:
         figures["false_pair_rate"] = share(empty, lambda score: score.found == 2)
     error = reliability(scores).expected_calibration_error
     return figures if np.isnan(error) else figures | {"expected_calibration_error": error}
+
+
+def visible_figures(scores: Sequence[DetectionScore]) -> Figures:
+    """Where both lines are first held, of the recordings that are approaches; see `visible_distance`."""
+    return visible_distance(ApproachFrame(s.source, s.time_s, s.range_m, s.visibility_m, s.is_right) for s in scores)
 
 
 def _lane_figures(decks: Sequence[DetectionScore]) -> Figures:

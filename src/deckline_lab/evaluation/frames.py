@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from deckline.checks import check_numbers
+from deckline.config import RunConfig
 from deckline.extras import needs_extra
 from deckline.files import print_line
 from deckline.recording import FrameError, open_recording
@@ -54,6 +55,7 @@ class Task(NamedTuple):
     file: str  # of the rows in that folder
     settings: Mapping[str, Any]  # what decides the numbers, beside the frames
     score: Callable[[FrameSample], dict[str, Any]]  # makes the row of a frame
+    in_order: bool = False  # a set that lacks a row is scored from its first frame on, as a flight must be
 
 
 class FrameSet(ABC):
@@ -61,6 +63,7 @@ class FrameSet(ABC):
 
     name: str  # what tables and files call it
     settings: dict[str, Any]  # plain values; a stopped evaluation resumes only with the same
+    base_config: RunConfig | None = None  # what the files state of the runway, as `deckline run` reads it
 
     @abstractmethod
     def __len__(self) -> int: ...
@@ -87,6 +90,7 @@ class Recorded(FrameSet):
     def __init__(self, path: Path, deck_z_m: float | None = None) -> None:
         self.name = str(path)
         self._recording = open_recording(path, deck_z_m=deck_z_m)
+        self.base_config = self._recording.base_config
         labelled = not (path / RECORD_FILE).exists() and (path / LABELS_FILE).exists()
         self._labels = read_labels(path / LABELS_FILE) if labelled else None
         scene = path / SCENE_FILE
@@ -223,8 +227,12 @@ def score_frames(sets: Sequence[FrameSet], tasks: Sequence[Task]) -> list[list[d
     frames = [item.settings for item in sets]
     stores = [Store(task.out, task.file, {**task.settings, "frames": frames}) for task in tasks]
     places = [(item, index) for item in sets for index in range(len(item))]
-    pairs = [(store, task.score) for store, task in zip(stores, tasks, strict=True)]
-    lacking = [[pair for pair in pairs if (item.name, index) not in pair[0].rows] for item, index in places]
+    lacking: list[list[tuple[Store, Callable[[FrameSample], dict[str, Any]]]]] = [[] for _ in places]
+    for store, task in zip(stores, tasks, strict=True):
+        incomplete = {item.name for item, index in places if (item.name, index) not in store.rows}
+        for missing, (item, index) in zip(lacking, places, strict=True):
+            if item.name in incomplete and (task.in_order or (item.name, index) not in store.rows):
+                missing.append((store, task.score))
     with ExitStack() as stack:
         for store in stores:
             stack.enter_context(store)

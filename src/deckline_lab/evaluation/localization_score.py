@@ -23,6 +23,7 @@ from deckline_lab.evaluation.cramer_rao import cramer_rao
 from deckline_lab.evaluation.localization_methods import LocalizationBench, Method, point_rng
 from deckline_lab.evaluation.pilot_errors import move_with_pose, normalise_error, pilot_figures
 from deckline_lab.evaluation.tables import Figures
+from deckline_lab.evaluation.visible_distance import is_right
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,7 @@ def score_approach(
             lines = result.estimate.lines if result.track is None else result.track.lines
             figures = frame_figures(seen, lines, method.config.approach.touchdown_m)
             figures |= track_figures(result) | bound_figures(result, method, bench.correlation)
+            figures |= {"time_s": frame.time_s, "is_right": float(is_right(frame, result.detection))}
             visibility_m = (frame.truth and frame.truth.visibility_m) or float("nan")
             mode = str(result.estimate.mode)
             finite = {name: value for name, value in figures.items() if np.isfinite(value)}

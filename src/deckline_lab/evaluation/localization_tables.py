@@ -13,6 +13,7 @@ from deckline_lab.evaluation.localization_methods import DEHAZED, HAZY, Method
 from deckline_lab.evaluation.localization_score import LocalizationScore
 from deckline_lab.evaluation.pilot_errors import STATES
 from deckline_lab.evaluation.tables import MISSING, Figures, Table, number
+from deckline_lab.evaluation.visible_distance import ApproachFrame, visible_distance, visible_tables
 from deckline_lab.statistics import APPROACH_RANGE_M, VISIBILITY_M, consistency, paired_difference, percentile
 
 Scores = Mapping[str, Sequence[LocalizationScore]]  # method -> its frames
@@ -90,6 +91,7 @@ def localization_tables(scores: Scores, methods: Sequence[Method]) -> list[Table
     tracked = [method.name for method in methods if method.tracked]
     gains = dehazing_gains(scores)
     tables = [table_6(scores), improvements(scores), *([gains] if gains.rows else [])]
+    tables += visible_tables((((name,), visible_figures(members)) for name, members in scores.items()), ("method",))
     tables += [usable_table(scores), _pilot_table("pilot, all frames", scores)]
     for name in tracked:
         for what, bands in {"range to the ramp": by_range, "visibility": by_visibility}.items():
@@ -214,6 +216,21 @@ def _gain_cells(
     change = paired_difference(means[:, 1] - means[:, 0], np.random.default_rng(SEED))
     better = number(100 * (1 - after / before) if before else None, ".1f")
     return f"{before:{form}}", f"{after:{form}}", change.text(f"+{form}"), better
+
+
+def visible_figures(scores: Iterable[LocalizationScore]) -> Figures:
+    """Where a method's detector first holds both lines in the picture; empty for rows stored without that."""
+    return visible_distance(
+        ApproachFrame(
+            str(score.approach),
+            score.figures["time_s"],
+            score.range_m,
+            score.visibility_m,
+            bool(score.figures["is_right"]),
+        )
+        for score in scores
+        if "is_right" in score.figures
+    )
 
 
 def usable_share(scores: Sequence[LocalizationScore]) -> float:
@@ -349,6 +366,7 @@ def flat_figures(scores: Scores) -> Figures:
             figures[f"{name}.found.{side}"] = found_share(members, side)
         for what, figure in IMPROVED.items():
             figures[f"{name}.improvement.{what}"] = improvement(lines[name], reference, figure)
+        figures |= {f"{name}.{figure}": value for figure, value in visible_figures(members).items()}
         figures[f"{name}.usable"] = usable_share(members)
         figures[f"{name}.improvement.not_usable"] = unusable_improvement(members, first)
         for band, inside in ({"": members} | by_range(members) | by_visibility(members)).items():

@@ -9,17 +9,21 @@ from level_deck import CAMERA, LEFT, RIGHT, frame_at, pixels_of, result_of
 
 from deckline.types import Segment, Truth
 from deckline_lab.evaluation.dehazers import Cost
-from deckline_lab.evaluation.dehazing_pairs import film_of, labelled_lines, seen_length_px, true_lines
+from deckline_lab.evaluation.dehazing_pairs import Pair, film_of, labelled_lines, seen_length_px, true_lines
 from deckline_lab.evaluation.dehazing_score import (
     ImageScore,
+    lines_are_right,
     restoration,
     score_lines,
     summarise,
     summarise_film,
+    visible_figures,
     worse_lines,
 )
 from deckline_lab.evaluation.dehazing_tables import DehazingResults, dehazing_tables, json_of
 from deckline_lab.evaluation.metrics import psnr_db, ssim
+from deckline_lab.evaluation.visible_distance import TITLE
+from deckline_sim.visible_line import find_visible_line
 from golden import check_golden
 
 GOLDEN = Path(__file__).parent / "golden"
@@ -156,7 +160,7 @@ def scores(name: str, psnr_db: float, found: bool) -> list[ImageScore]:
 def results(**changes) -> DehazingResults:
     both = [*scores("none", 10.0, True), *scores("[net]", 14.0, False)]
     sizes = {"none": None, "[net]": (1_500_000, 2_340_000_000)}
-    plain = DehazingResults("8 pairs", "[net]", summarise(both, "[net]"), {}, sizes, {}, (1280, 720), {}, ())
+    plain = DehazingResults("8 pairs", "[net]", summarise(both, "[net]"), {}, sizes, {}, (1280, 720), {}, (), {})
     return replace(plain, **changes)
 
 
@@ -184,3 +188,32 @@ def cases() -> dict[str, DehazingResults]:
 def test_tables_and_json_of_known_scores(name):
     measured = cases()[name]
     check_golden(GOLDEN / f"dehazing_{name}.json", {"tables": dehazing_tables(measured), "figures": json_of(measured)})
+
+
+def test_lines_are_right_where_a_pairs_truth_has_them():
+    at = frame_at()
+    seen = tuple(find_visible_line(at, segment) for segment in (LEFT, RIGHT))
+    pair = Pair(at, None, None, 800.0, true_lines(at), in_view=seen, range_m=200.0)
+    detection = result_of(at, pixels(LEFT), pixels(RIGHT)).detection
+    assert lines_are_right(detection, pair)
+    assert not lines_are_right(result_of(at, pixels(LEFT) + np.array([40.0, 0.0]), pixels(RIGHT)).detection, pair)
+    assert not lines_are_right(result_of(at, [], pixels(RIGHT)).detection, pair)
+    assert not lines_are_right(detection, replace(pair, in_view=()))
+    assert not lines_are_right(detection, replace(pair, lines=None))
+
+
+def test_each_dehazer_has_the_range_from_which_its_lines_are_held():
+    def flight(dehazer: str, right_from_m: float) -> list[ImageScore]:
+        ranges = 600.0 - 10.0 * np.arange(50)
+        where = ({"time_s": k / 5, "range_m": m, "is_right": bool(m <= right_from_m)} for k, m in enumerate(ranges))
+        return [score(str(k), dehazer, 20.0, 500.0, **one) for k, one in enumerate(where)]
+
+    scores = [*flight("none", 300.0), *flight("net", 400.0)]
+    figures = visible_figures(scores)
+    assert [figures[name]["first_held_m.90"] for name in ("none", "net")] == [300.0, 400.0]
+    assert figures["net"]["first_held_of_visibility.50"] == 0.8
+    summaries = summarise(scores, "none")
+    results = DehazingResults("", "none", summaries, {}, {}, {}, (1, 1), {}, (), figures)
+    [table] = [table for table in dehazing_tables(results) if table.title == TITLE]
+    assert [row[:3] for row in table.rows] == [("none", "1", "300"), ("net", "1", "400")]
+    assert json_of(results)["visible_distance"] == figures

@@ -16,12 +16,14 @@ from deckline.types import Detection, LinePoints
 from deckline_lab.evaluation.dehazers import detector_label
 from deckline_lab.evaluation.detection import (
     SCORES_FILE,
+    Finder,
     comparison_tables,
     detection_tables,
     flat_figures,
     score_detections,
 )
 from deckline_lab.evaluation.detection_cost import cost_table, measure_costs
+from deckline_lab.evaluation.detection_flown import approach_figures
 from deckline_lab.evaluation.detection_score import DetectionScore
 from deckline_lab.evaluation.detection_truth import SceneKind
 from deckline_lab.evaluation.frames import Recorded, name_sets, open_recorded
@@ -56,7 +58,9 @@ half_blind.config, half_blind.dehazer = chain.config, chain.dehazer  # as a flig
 
 
 def scores_of(folder, out=None, run=half_blind, settings=None) -> list[DetectionScore]:
-    [scores] = score_detections([Recorded(folder)], [(out, settings or {}, lambda sample: run(sample.frame).detection)])
+    [scores] = score_detections(
+        [Recorded(folder)], [Finder(out, settings or {}, lambda sample: run(sample.frame).detection)]
+    )
     return scores
 
 
@@ -186,6 +190,79 @@ def test_sources_that_cannot_be_evaluated_are_named(recording, tmp_path, capsys)
         writer.add(frame())
     (plain / "scene.json").unlink()
     assert "scene.json" in refuse(capsys, "detection", plain)
+
+
+def write_approach(folder, count: int = 20, rate_hz: float = 4.0):
+    """From 250 m on at 40 m/s."""
+    with RecordingWriter(folder, scene={"preset": "cvn"}) as writer:
+        for index in range(count):
+            writer.add(replace(frame(index, 250.0 - 40.0 * index / rate_hz), time_s=index / rate_hz))
+    return folder
+
+
+class Tracking:
+    """Sees lines exactly from the fourth frame of a flight on."""
+
+    config, dehazer = chain.config, chain.dehazer
+
+    def __init__(self):
+        self.source, self.frames, self.seen = "", 0, []
+
+    def __call__(self, sample):
+        self.frames = 1 if sample.source != self.source else self.frames + 1
+        self.source = sample.source
+        self.seen.append((sample.source, sample.index))
+        return chain(sample.frame, ("left", "right") if self.frames > 3 else ()).detection
+
+
+def test_a_flight_that_was_stopped_is_flown_again_from_its_first_frame(tmp_path):
+    sets = [Recorded(write_approach(tmp_path / name, 6)) for name in "ab"]
+    stopped, again = Tracking(), Tracking()
+
+    def stop(sample):
+        if len(stopped.seen) == 10:
+            raise KeyboardInterrupt
+        return stopped(sample)
+
+    def scores(find):
+        return score_detections(sets, [Finder(tmp_path / "out", {}, find, in_order=True)])[0]
+
+    with pytest.raises(KeyboardInterrupt):
+        scores(stop)
+    flown = scores(again)
+    assert again.seen == [(sets[1].name, index) for index in range(6)]
+    assert [score.found for score in flown] == [0, 0, 0, 2, 2, 2] * 2
+
+
+def test_lines_are_first_held_where_the_second_after_them_has_them_too(tmp_path):
+    item = Recorded(write_approach(tmp_path / "approach"))
+    [scores] = score_detections([item], [Finder(None, {}, Tracking())])
+    figures = approach_figures(scores)
+    assert figures["approaches"] == 1
+    assert figures["first_held_m.90"] == pytest.approx(220.0, abs=0.1)  # its fourth frame
+    assert figures["first_held_of_visibility.90"] == pytest.approx(220.0 / 250.0, abs=0.001)
+    assert figures["wrong_rate"] == 0.0 and "far.found_rate" not in figures
+
+
+def test_a_pair_of_lines_that_is_found_elsewhere_is_wrong():
+    scores = [deck(left=(30.0,)), deck(), deck(left=()), deck(left=(8.0,), near_width_px=200.0, range_m=500.0)]
+    figures = approach_figures(scores)
+    assert figures["wrong_rate"] == 0.25  # 8 px is less than 5 % of 200 px
+    assert (figures["found_rate"], figures["placed_rate"]) == (0.75, 0.25)
+    assert (figures["far.found_rate"], figures["far.placed_rate"]) == (1.0, 0.0)
+
+
+def test_recordings_are_flown_beside_single_pictures(tmp_path, capsys):
+    folder = write_approach(tmp_path / "approach", 8)
+    words = ["eval", "detection", str(folder), "--detector", "classical", "--flown", "--out", str(tmp_path / "out")]
+    assert main([*words, "--json", str(tmp_path / "t.json")]) == 0
+    saved = json.loads((tmp_path / "t.json").read_text())
+    assert saved["single pictures.decks"] == saved["as flown.decks"] == 8
+    assert saved["as flown.first_held_m.90"] == 0.0  # grey pictures
+    assert [row[0] for row in saved["_tables"][1]["rows"]] == ["single pictures", "as flown"]
+    rows = (tmp_path / "out" / "flown" / SCORES_FILE).read_text().splitlines()
+    assert len(rows) == 1 + 8
+    assert "recordings" in refuse(capsys, "detection", "--flown")
 
 
 def score_of(index: int, found: int, range_m: float = 150.0, scene: SceneKind = SceneKind.DECK) -> DetectionScore:

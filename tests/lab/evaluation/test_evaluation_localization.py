@@ -53,6 +53,14 @@ def test_every_method_scores_every_frame():
         assert abs(score.figures.get("centre.lateral_m", 0.0)) < 0.05
 
 
+def test_the_detection_of_every_frame_is_compared_with_the_picture():
+    scores = score_all(blind=4)
+    assert [score.figures["is_right"] for score in scores if score.method == METHODS[0].name] == [
+        float(index != 4) for index in range(FRAMES)
+    ]
+    assert [score.figures["time_s"] for score in scores[:: len(METHODS)]] == [0.25 * k for k in range(FRAMES)]
+
+
 def test_only_tracked_rows_ride_out_blind_frames():
     scores = {(score.method, score.index): score.figures for score in score_all(blind=4)}
     for method in METHODS:

@@ -22,6 +22,7 @@ from deckline_lab.evaluation.localization_tables import (
     run_mean,
     unusable_improvement,
     usable_share,
+    visible_figures,
 )
 from deckline_lab.evaluation.pictures import medians_by_range, write_figure
 from golden import check_golden
@@ -157,3 +158,19 @@ def test_pictures_are_drawn(tmp_path):
     np.testing.assert_allclose(middle, 0.5)
     with pytest.raises(ValueError, match=r"^ours: "):
         write_figure(path, "ours", [])
+
+
+def test_each_method_has_the_range_from_which_it_holds_both_lines():
+    def flown(approach: int, right_from_m: float) -> list[LocalizationScore]:
+        return [
+            LocalizationScore(
+                approach, k, "ours", m, 1000.0, "coarse", {"time_s": k / 4, "is_right": float(m <= right_from_m)}
+            )
+            for k, m in enumerate(800.0 - 15.0 * np.arange(50))
+        ]
+
+    figures = visible_figures([*flown(0, 500.0), *flown(1, 350.0)])
+    assert figures["approaches"] == 2
+    assert (figures["first_held_m.50"], figures["first_held_m.90"]) == (500.0, 350.0)
+    assert figures["first_held_of_visibility.90"] == 350.0 / 800.0
+    assert visible_figures([replace(score, figures={}) for score in flown(0, 500.0)]) == {}

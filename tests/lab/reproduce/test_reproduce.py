@@ -9,7 +9,7 @@ from clear_scene import hazy_recording
 from deckline.cli.main import main
 from deckline.recording.images import read_image
 from deckline_lab.ablation.rows import ROWS
-from deckline_lab.evaluation import dehazers
+from deckline_lab.evaluation import dehazers, visible_distance
 from deckline_lab.evaluation.tables import Table, read_saved
 from deckline_lab.reproduce import figures, line_figures, runs, table4, table5, table6
 from deckline_lab.reproduce.command import SAVED
@@ -114,7 +114,9 @@ def test_flights_are_neighbours_of_one_visibility(tmp_path):
 def test_the_papers_improvement_is_computed_from_its_errors():
     lines = Table("Table 6", ("method", "line", "slope off", "intercept off, m", "direction off, deg"), [])
     columns = [f"{what} {side}" for what in ("direction", "intercept") for side in ("left", "right", "both")]
-    lines, improved, _ = with_paper_6([lines, Table("improvement", ("method", *columns), []), Table("", (), [])])
+    given = [lines, Table("improvement", ("method", *columns), []), Table("", (), []), Table("pilot", (), [])]
+    lines, improved, _ = with_paper_6(given)
+    assert with_paper_6([*given, Table(visible_distance.TITLE, (), [])])[3].title == visible_distance.TITLE
     assert lines.rows[0] == ["the paper, without dehazing", "left", "0.15", "9.25", "8.5456"]
     paper = dict(zip(improved.columns, improved.rows[-1], strict=True))
     assert float(paper["direction both"]) == pytest.approx(100 * (1 - 1.3906 / 12.5405), abs=0.05)
