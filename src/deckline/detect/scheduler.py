@@ -6,7 +6,7 @@ whole; from the second such search on the track is flagged.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache, partial
 
@@ -14,11 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.detect.crop import Box
-from deckline.detect.search import Search, search_lines
+from deckline.detect.search import CropView, Search, search_lines
 from deckline.types import Detection, Diagnostic, Diagnostics, Frame, Reason, RunwayEstimate
 
 DONE = object()
 OTHER_LINES = Diagnostic(Reason.OTHER_LINES, "a search of the whole picture sees other lines than the track")
+
+
+ViewJoined = Callable[[Search, Box], CropView | None]  # of a picture whose box was searched, and that box
 
 
 class SearchingDetector(ABC):
@@ -70,7 +73,14 @@ class SearchScheduler:
         """A flag where two searches in a row found other lines than the track's box."""
         return (OTHER_LINES,) if self._contradictions > 1 else ()
 
-    def detect(self, time_s: float, image_rgb: NDArray[np.uint8], box: Box | None, is_sure: bool) -> Detection:
+    def detect(
+        self,
+        time_s: float,
+        image_rgb: NDArray[np.uint8],
+        box: Box | None,
+        is_sure: bool,
+        view_joined: ViewJoined | None = None,
+    ) -> Detection:
         """Lines in the next picture.
 
         Args:
@@ -78,9 +88,10 @@ class SearchScheduler:
             image_rgb: (H, W, 3).
             box: where the runway should be; None: not known.
             is_sure: the pictures before confirm the box.
+            view_joined: one view of several pictures, where this one alone does not surely show both lines in the box.
         """
         search, roi_search = (self.detector.start_search(image_rgb) for _ in range(2))  # the box is no place searched
-        view_roi = None if box is None else cache(partial(roi_search.search_prior, box))
+        view_roi = None if box is None else cache(partial(search_box, roi_search, box, view_joined))
         follows, self._seen_s = 0 < time_s - self._seen_s <= self.search_s, time_s
         roi_view = view_roi() if view_roi is not None and is_sure and follows else None
         least = roi_search.config.agreeing_probability
@@ -105,3 +116,12 @@ class SearchScheduler:
 
     def _compare(self, search: Search, detection: Detection) -> None:
         self._contradictions = self._contradictions + 1 if search.contradicts(detection) else 0
+
+
+def search_box(search: Search, box: Box, view_joined: ViewJoined | None) -> CropView | None:
+    """The view of a box: of its picture alone, or of several pictures where that one is not sure and they are surer."""
+    alone = search.search_prior(box)
+    if view_joined is None or (alone is not None and alone.probability >= search.config.agreeing_probability):
+        return alone
+    joined = view_joined(search, box)
+    return max((view for view in (alone, joined) if view is not None), key=lambda view: view.probability, default=None)

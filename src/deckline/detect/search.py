@@ -7,7 +7,7 @@ decides: in the view of a whole photograph a runway is often faint.
 
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import combinations
 
@@ -37,6 +37,7 @@ class CropView:
     output: NetworkOutput
     crop: Crop
     config: DetectConfig
+    frames: int = 1  # whose pictures the crop shows, averaged
 
     @cached_property
     def region(self) -> Region:
@@ -46,7 +47,7 @@ class CropView:
     @cached_property
     def lines(self) -> Detection:
         """The lines in the crop, in image px."""
-        return decode_lines(self.output, self.crop, self.config)
+        return replace(decode_lines(self.output, self.crop, self.config), frames=self.frames)
 
     @cached_property
     def count(self) -> int:
@@ -155,6 +156,10 @@ class Search:
             if view.region.probability < self.config.min_prior_probability or is_final(crop, view.crop, self.config):
                 break
             view = self.view_crop(crop)
+        return self.accept_in_box(view, box)
+
+    def accept_in_box(self, view: CropView, box: Box) -> CropView | None:
+        """The view if it shows both lines about the middle of a box where the runway should be, else None."""
         seen = view.count == 2 and view.probability >= self.config.min_prior_probability
         return view if seen and _is_centred_in(view.lines, box) else None
 
