@@ -154,7 +154,7 @@ def test_late_poses_are_made_good_by_the_picture(lag):
 
 def test_poses_that_stop_leave_no_smeared_picture():
     joined = join([take(k, pose_index=min(k, 4)) for k in range(8)])
-    assert joined is None or rms(joined.pixels - clean(7)) < 0.2 * np.std(clean(7))
+    assert joined is None or rms(joined.pixels - clean(7)) < 0.3 * np.std(clean(7))
 
 
 def test_a_ship_under_way_is_followed_by_its_velocity_or_the_picture():
