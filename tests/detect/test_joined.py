@@ -5,14 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
-from test_detect_coarse_to_fine import Oracle, draw
+from test_detect_coarse_to_fine import NONE, Oracle, check_lines, draw
 
+from deckline.config import RunConfig
+from deckline.dehaze.base import IdentityDehazer
+from deckline.detect import SearchingDetector
+from deckline.detect.anchors import NetworkOutput
 from deckline.detect.coarse_to_fine import DetectConfig
 from deckline.detect.crop import CONTRAST_FLOOR, Crop, normalise, sample_crop
 from deckline.detect.joined import MAX_AGE_S, MAX_FRAMES, FrameStack, KeptPicture, plane_homography, view_joined
 from deckline.detect.registration import CELL_PX, measure_shift
 from deckline.detect.scheduler import search_box
 from deckline.detect.search import Search
+from deckline.flight import Flight
 from deckline.geometry import Camera, attitude, intersect_plane
 from deckline.types import Frame, RunwayPrior
 
@@ -242,3 +247,40 @@ def test_a_joined_view_costs_one_inference_and_states_its_frames():
     assert view.lines.frames == 4
     u, v = view.lines.left.points_px.T
     assert np.median(np.abs(u - 600 - (500 - v) * 0.3)) < 0.2
+
+
+class NoiseShyDetector(SearchingDetector):
+    """Sees lines only in views whose noise is small beside them: blue has noise alone."""
+
+    name = "noise-shy"
+
+    def infer(self, view):
+        noise = np.std(np.diff(view[2], axis=1))
+        return Oracle()(view) if noise < 0.0125 * np.ptp(view[0]) else NetworkOutput(*NONE)
+
+    def start_search(self, image_rgb):
+        return Search(image_rgb, self.infer, DetectConfig())
+
+    def __call__(self, image_rgb, prior_box=None):
+        raise AssertionError("a flight searches view by view")
+
+
+def test_a_flight_joins_its_frames_until_it_is_reset():
+    lines = (613.9, 487.5, 624.1, 436.3), (665.1, 487.5, 654.9, 436.3)  # RUNWAY from 300 m before and 60 m above it
+    sharp, rng = draw((1280, 720), *lines).astype(float), np.random.default_rng(0)
+    camera, deck = Camera(1280, 720, 640.0, 640.0, 639.5, 359.5), replace(RUNWAY, sigma_m=2.0)
+    place = RigidTransform.from_components([-300.0, 0.0, -60.0], attitude(0.0, 0.0, 0.0))
+
+    def fly(flight, count):
+        for k in range(count):
+            image = np.clip(np.rint(30 + 0.5 * sharp + rng.normal(0, 8.0, sharp.shape)), 0, 255).astype(np.uint8)
+            frame = Frame(f"{k}", k / 30, image, camera, world_from_body=place, deck_z_m=0.0)
+            yield flight(frame, prior=deck).detection
+
+    with Flight(RunConfig(), IdentityDehazer(), NoiseShyDetector()) as flight:
+        frames = [detection.frames for detection in fly(flight, 10)]
+        assert frames[0] == 1 and frames[-1] == MAX_FRAMES
+        flight.reset()
+        first, *_, last = fly(flight, 6)
+        assert (first.frames, len(first.left), last.frames) == (1, 0, 6)
+        check_lines(last, *lines)

@@ -109,10 +109,10 @@ class FrameStack:
         total = sample_crop(newest.image_rgb, crop, network_size)
         first, weights = total.copy(), [1.0]
         for picture in list(self._kept)[-2::-1]:
-            sampled = _sample(picture, newest, crop, total / sum(weights), runway, velocity_m_s)
+            sampled = _sample(picture, newest, crop, first, total, runway, velocity_m_s)
             if sampled is not None:
                 weight = _weight(picture, newest, runway, velocity_m_s)
-                total += weight * np.where(np.isnan(sampled), first, sampled)
+                total += np.float32(weight) * sampled
                 weights.append(weight)
         if len(weights) < 2:
             return None
@@ -163,17 +163,35 @@ def plane_homography(
 
 
 def _sample(
-    old: KeptPicture, new: KeptPicture, crop: Crop, reference: Float32, runway: RunwayPrior, velocity_m_s: Float64
+    old: KeptPicture,
+    new: KeptPicture,
+    crop: Crop,
+    first: Float32,
+    total: Float32,
+    runway: RunwayPrior,
+    velocity_m_s: Float64,
 ) -> Float32 | None:
-    """An old picture in a crop of a new one, registered to a reference (height, width, 3) there; None: refused."""
+    """An old picture in a crop of a new one, (height, width, 3), with the brightness of the new one; None: refused.
+
+    Args:
+        first: what the new picture shows there; it also fills what the old one does not show.
+        total: weighted sum of what was joined so far, to which the old picture is registered.
+    """
     homography = plane_homography(old, new, _plane_z_m(runway), velocity_m_s)
-    corners = None if homography is None else _map_corners(old, new, crop, reference.shape[:2], homography)
+    corners = None if homography is None else _map_corners(old, new, crop, first.shape[:2], homography)
     if corners is None:
         return None
-    sample = partial(_warp, old.image_rgb, corners, reference.shape[:2])
-    sampled = _match_exposure(sample(np.zeros(2)), reference)
-    shift = None if sampled is None else measure_shift(reference, sampled)
-    return None if shift is None else _match_exposure(sample(shift), reference)
+    sample = partial(_warp, old.image_rgb, corners, first.shape[:2])
+    sampled = sample(np.zeros(2))
+    gain = _exposure_gain(sampled, first)
+    shift = None if gain is None else measure_shift(total, sampled)
+    if gain is None or shift is None:
+        return None
+    sampled = sample(shift) * gain
+    unknown = np.isnan(sampled[..., 0])
+    if unknown.any():
+        sampled[unknown] = first[unknown]
+    return sampled
 
 
 def _map_corners(
@@ -213,15 +231,15 @@ def _warp(image_rgb: NDArray[np.uint8], corners_px: Float64, shape: tuple[int, .
     return np.asarray(cv2.warpPerspective(part, matrix, shape[::-1], flags=flags, borderValue=outside))
 
 
-def _match_exposure(sampled: Float32, reference: Float32) -> Float32 | None:
-    """A sampled picture with the reference's mean of each colour where both have one; None: too different."""
-    both = np.isfinite(sampled[..., 0] + reference[..., 0])
+def _exposure_gain(sampled: Float32, first: Float32) -> Float32 | None:
+    """Ratio (3,) of two pictures' means of each colour, where both are known; None: another scene."""
+    both = np.isfinite(first[..., 0] + sampled[..., 0]).astype(np.uint8)
     if 2 * np.count_nonzero(both) < both.size:
         return None
-    gain = (reference[both].mean(axis=0) + 1.0) / (sampled[both].mean(axis=0) + 1.0)  # of black, none
-    if not ((gain > 1 / MAX_EXPOSURE) & (gain < MAX_EXPOSURE)).all():
-        return None
-    return sampled * gain
+    means = (np.array(cv2.mean(pixels, mask=both)[:3]) for pixels in (first, sampled))
+    new, old = (mean + 1.0 for mean in means)  # black has no ratio
+    gain = new / old
+    return gain.astype(np.float32) if ((gain > 1 / MAX_EXPOSURE) & (gain < MAX_EXPOSURE)).all() else None
 
 
 def _weight(old: KeptPicture, new: KeptPicture, runway: RunwayPrior, velocity_m_s: Float64) -> float:

@@ -39,7 +39,8 @@ def measure_shift(reference: Float32, other: Float32) -> NDArray[np.float64] | N
 
 def _details(pixels: Float32) -> Float32:
     """The luminance (H, W, 3) -> (H / 4, W / 4), without what is coarser or finer than a line; unknown is 0."""
-    grey = cv2.resize(pixels.mean(axis=2), None, fx=1 / CELL_PX, fy=1 / CELL_PX, interpolation=cv2.INTER_AREA)
+    cells = cv2.resize(pixels, None, fx=1 / CELL_PX, fy=1 / CELL_PX, interpolation=cv2.INTER_AREA)
+    grey = cells.mean(axis=2)
     unknown = ~np.isfinite(grey)
     grey[unknown] = 0.0 if unknown.all() else np.nanmean(grey)
     details = cv2.GaussianBlur(grey, (0, 0), BLUR_CELLS) - cv2.GaussianBlur(grey, (0, 0), BACKGROUND_CELLS)
