@@ -294,7 +294,7 @@ class Tracking:
         coast_s: time without a line that the track survives, s.
         reacquire_s: time of contradicting lines after which the track begins again, s.
         gate_sigma: standard deviations beyond which a measurement is left out.
-        search_s: while the track is sure, its place alone is viewed, and so often a whole picture is searched beside it,
+        search_s: while the track is sure, its place is viewed, and so often a whole picture is searched beside it,
             over the frames, s; 0: every picture is searched whole at once.
         horizon_s: so often the horizon in the picture is compared with the attitude, s; 0: never.
         paint_s: so often the picture is searched for paint under the lines and for a centre line, s; 0: never.

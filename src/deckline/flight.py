@@ -15,6 +15,7 @@ import time
 import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import TypeVar
@@ -26,12 +27,14 @@ from deckline.config import Engine, RunConfig
 from deckline.dehaze import DEHAZERS, Dehazer, DehazeResult, OnnxDehazer, dehaze_for_display, dehaze_frame
 from deckline.detect import DETECTORS, Detector, OnnxDetector, SearchingDetector, SearchScheduler
 from deckline.detect.crop import Box
+from deckline.detect.joined import FrameStack, view_joined
 from deckline.detect.prior import ImagePrior, prior_from_survey, project_prior
+from deckline.detect.scheduler import ViewJoined
 from deckline.guide import guidance
 from deckline.localize import Localizer, localize
 from deckline.monitors import Monitor, build_monitors
 from deckline.picture_pose import PictureForecast, PictureTracker
-from deckline.track import Forecast, Prediction, Tracker
+from deckline.track import Forecast, Prediction, Tracker, ship_velocity
 from deckline.types import (
     Detection,
     Diagnostics,
@@ -94,6 +97,7 @@ class Flight:
         self._by_picture = False  # what answered last
         self._survey = prior_from_survey(config.survey)
         self._image_prior = ImagePrior()
+        self._stack = FrameStack()
         self._scheduler: SearchScheduler | None = None
         self._monitors: tuple[Monitor, ...] = ()
         if self.tracker is not None:
@@ -132,6 +136,7 @@ class Flight:
     def reset(self) -> None:
         """Start another flight: forget all frames."""
         self._image_prior = ImagePrior()
+        self._stack.reset()
         if self.tracker is not None:
             self.tracker.reset()
         self.picture.reset()
@@ -206,19 +211,30 @@ class Flight:
         self, frame: Frame, picture: NDArray[np.uint8], prior: RunwayPrior | None, prediction: Prediction | None
     ) -> Detection:
         tracked = None if prediction is None else prediction.runway
+        if self._scheduler is not None:
+            self._stack.add(frame, picture)
         for known in (prior, tracked, self._survey):
             box = None if known is None else project_prior(frame, known)
-            if box is not None:
+            if known is not None and box is not None:
                 is_sure = known is tracked and self.tracker is not None and not self.tracker.is_flagged
-                return self._detect_in_box(frame, picture, box, is_sure)
+                velocity = ship_velocity(prediction, self.config)
+                joined = partial(view_joined, stack=self._stack, runway=known, velocity_m_s=velocity)
+                return self._detect_in_box(frame, picture, box, is_sure, joined)
         box = None if self.tracker is None else self._image_prior.predict(frame)
         return self._detect_in_box(frame, picture, box, is_sure=True)
 
-    def _detect_in_box(self, frame: Frame, picture: NDArray[np.uint8], box: Box | None, is_sure: bool) -> Detection:
+    def _detect_in_box(
+        self,
+        frame: Frame,
+        picture: NDArray[np.uint8],
+        box: Box | None,
+        is_sure: bool,
+        joined: ViewJoined | None = None,
+    ) -> Detection:
         """Lines in the picture; `box`: where they should be, `is_sure`: as the frames before confirm."""
         if self._scheduler is None:
             return self.detector(picture, box)
-        return self._scheduler.detect(frame.time_s, picture, box, is_sure)
+        return self._scheduler.detect(frame.time_s, picture, box, is_sure, joined)
 
     def _monitor(
         self, prediction: Prediction | None, estimate: RunwayEstimate, detection: Detection | None
@@ -235,7 +251,7 @@ class Flight:
         if self.tracker is None or prediction is None:
             return None
         self._image_prior.update(prediction.frame, detection, estimate)
-        return self.tracker.update(prediction, estimate, flags)
+        return self.tracker.update(prediction, estimate, flags, detection.frames)
 
 
 def _build(

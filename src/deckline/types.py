@@ -362,6 +362,8 @@ class Detection:
     """Points of the painted centre line; only some networks detect it."""
     edge: EdgeKind | None = None
     """What the edge lines are; None: not known."""
+    frames: int = 1
+    """How many pictures were averaged for it, this frame's included."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -73,6 +73,16 @@ def test_the_kind_of_edge_is_written():
     assert (frame_record(result)["edge"], frame_record(known)["edge"]) == (None, "pavement")
 
 
+def test_the_number_of_joined_frames_is_written(tmp_path):
+    result = chain(frame())
+    several = replace(result, detection=replace(result.detection, frames=8))
+    records = [frame_record(result), frame_record(several)]
+    assert [record["frames_joined"] for record in records] == [1, 8]
+    write_csv(tmp_path / "table.csv", records)
+    with (tmp_path / "table.csv").open() as file:
+        assert [row["frames_joined"] for row in csv.DictReader(file)] == ["1", "8"]
+
+
 def test_times_keep_their_microseconds_in_record_and_table(tmp_path):
     times = [1_700_000_000.123456, 1_700_000_000.123457]
     records = [frame_record(chain(replace(frame(), time_s=time_s))) for time_s in times]

@@ -11,6 +11,8 @@ from steady_view import CALM, KNOWN, NOTHING, advance, advance_all, numbers_in, 
 
 from deckline.config import Deck, RunConfig
 from deckline.track import Tracker
+from deckline.track.states import CORRELATION_TIME_S
+from deckline.track.tracker import noise_inflation
 from deckline.types import Diagnostic, LineVisibility, Reason, Track, TrackState
 
 
@@ -200,3 +202,22 @@ def test_flags_of_monitors_join_the_tracks_and_a_frozen_picture_updates_nothing(
     assert advance(tracker, view(2.1), seen(rng)).flags == (FROZEN, PAINT), "a repeated time repeats the last flags"
     assert advance(tracker, view(2.2), seen(rng)).flags == ()
     assert not tracker.is_flagged
+
+
+def test_lines_of_joined_frames_count_by_what_is_new_in_them():
+    assert noise_inflation(1.0, np.inf, 8) == 1.0  # nothing was used before
+    assert [noise_inflation(1.0, since_s, 8) for since_s in (1.0, 4.0, 8.0, 20.0)] == [8.0, 2.0, 1.0, 1.0]
+    assert noise_inflation(0.1, 0.1, 1) == noise_inflation(0.1, 0.1, 2) == pytest.approx(CORRELATION_TIME_S / 0.1)
+    assert noise_inflation(0.0, np.inf, 8) == 1.0
+
+
+def test_a_track_of_joined_frames_is_no_surer_than_their_number_allows():
+    sigmas = {}
+    for frames in (1, 8):
+        tracker, flight = Tracker(KNOWN), Flight(seed=0, rate_hz=2.0)
+        for frame, estimate, _ in approach(flight):
+            track = tracker.update(tracker.predict(frame), estimate, frames=frames)
+            if frame.time_s > 3.0:
+                break
+        sigmas[frames] = np.sqrt(track.lines["centre"].aircraft_covariance[0, 0])
+    assert 1.1 < sigmas[8] / sigmas[1] < np.sqrt(8)

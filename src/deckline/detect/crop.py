@@ -143,11 +143,12 @@ def _resampling_weights(start: float, step: float, count: int, size: int) -> tup
     return sparse, first, valid
 
 
-def normalise(seen_rgb: NDArray[np.float32]) -> NDArray[np.float32]:
+def normalise(seen_rgb: NDArray[np.float32], floor: float = CONTRAST_FLOOR) -> NDArray[np.float32]:
     """Grey levels (H, W, 3), NaN outside the image -> the network's input (3, H, W).
 
     Each colour's mean is subtracted and all are divided by one common contrast. This removes airlight's colour and
-    most of haze's fading, so that the network need not learn them. Outside the image is 0.
+    most of haze's fading, so that the network need not learn them. Outside the image is 0. A contrast
+    below `floor`, grey levels, is not amplified further.
     """
     planes = np.array(np.moveaxis(seen_rgb, 2, 0), dtype=np.float32, order="C")
     outside = ~np.isfinite(planes[0])
@@ -158,5 +159,5 @@ def normalise(seen_rgb: NDArray[np.float32]) -> NDArray[np.float32]:
     planes -= (planes.sum(axis=(1, 2), dtype=np.float64) / count).astype(np.float32)[:, None, None]
     planes[:, outside] = 0.0
     power = sum(float(np.dot(plane, plane)) for plane in planes.reshape(3, -1))
-    planes /= np.float32(max(np.sqrt(power / (3 * count)), CONTRAST_FLOOR))
+    planes /= np.float32(max(np.sqrt(power / (3 * count)), floor))
     return planes

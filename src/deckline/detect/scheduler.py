@@ -10,7 +10,7 @@ second such search on the track is flagged.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 
@@ -28,6 +28,9 @@ VIEWS = 3  # of any picture at most
 DONE = object()
 NOTHING = Detection(LinePoints.empty(), LinePoints.empty())
 OTHER_LINES = Diagnostic(Reason.OTHER_LINES, "a search of the whole picture sees other lines than the track")
+
+
+ViewJoined = Callable[[Search, Box], CropView | None]  # of a picture whose box was searched, and that box
 
 
 class SearchingDetector(ABC):
@@ -92,7 +95,14 @@ class SearchScheduler:
         """A flag where two searches in a row found other lines than the track's box."""
         return (OTHER_LINES,) if self._contradictions > 1 else ()
 
-    def detect(self, time_s: float, image_rgb: NDArray[np.uint8], box: Box | None, is_sure: bool) -> Detection:
+    def detect(
+        self,
+        time_s: float,
+        image_rgb: NDArray[np.uint8],
+        box: Box | None,
+        is_sure: bool,
+        view_joined: ViewJoined | None = None,
+    ) -> Detection:
         """Lines in the next picture.
 
         Args:
@@ -100,18 +110,19 @@ class SearchScheduler:
             image_rgb: (H, W, 3).
             box: where the runway should be; None: not known.
             is_sure: the pictures before confirm the box.
+            view_joined: one view of several pictures, where this one alone does not surely show both lines in the box.
         """
         follows, self._seen_s = 0 < time_s - self._seen_s <= self.search_s, time_s
         if not follows:
             return self._search_at_once(time_s, image_rgb, box)
         search = self.detector.start_search(image_rgb)
-        at_box = None if box is None else self._view_box(search, box)
+        at_box = None if box is None else self._view_box(search, box, view_joined)
         if at_box is not None and is_sure and not self._contradictions and self._is_sure_pair(search, at_box):
             self._place = None
             if self._held is not None or time_s - self._last_s >= self.search_s:
                 self._search_on(time_s, image_rgb, at_box.lines, SURE_VIEWS - len(search.crops))
             return at_box.lines
-        at_place = None if self._place is None else self._view_place(search, self._place)
+        at_place = self._view_place(search, self._place) if self._place and len(search.crops) < VIEWS else None
         seen = _choose(search, at_box, at_place)
         compared = at_box or seen
         reference = None if compared is None else compared.lines
@@ -125,11 +136,21 @@ class SearchScheduler:
         self._contradictions = self._contradictions + 1 if search.contradicts(detection) else 0
         return detection
 
-    def _view_box(self, search: Search, box: Box) -> CropView | None:
-        """The view of the box where the runway should be; None where it shows neither both lines nor a clear one."""
-        view = search.view_prior(box, passes=2 if self._place is None and self._held is None else 1)
+    def _view_box(self, search: Search, box: Box, view_joined: ViewJoined | None) -> CropView | None:
+        """The view of the box where the runway should be, of several pictures where this one is not sure.
+
+        None where it shows neither both lines nor a clear one.
+        """
+        is_only = self._place is None and self._held is None and view_joined is None
+        view = search.view_prior(box, passes=2 if is_only else 1)
+        if search.shows_pair(view, box):
+            if view_joined is None or self._is_sure_pair(search, view):
+                return view
+            joined = view_joined(search, box)
+            return view if joined is None or joined.probability < view.probability else joined
+        joined = None if view_joined is None else view_joined(search, box)
         is_line = view.count == 1 and view.probability >= search.config.min_lone_probability
-        return view if is_line or search.shows_pair(view, box) else None
+        return joined or (view if is_line else None)
 
     def _is_sure_pair(self, search: Search, view: CropView) -> bool:
         return view.count == 2 and view.probability >= search.config.agreeing_probability
@@ -139,7 +160,7 @@ class SearchScheduler:
         grey = small_grey(search.image_rgb)
         shift = picture_shift(place.grey, grey)
         box = widen(place.box) if shift is None else move_box(widen(place.box), shift, search.image_size[0])
-        view = search.view_prior(box, passes=VIEWS - 1 - len(search.crops))
+        view = search.view_prior(box, passes=max(VIEWS - 1 - len(search.crops), 1))
         is_seen = search.shows_pair(view, box)
         self._place = FoundPlace(box_around(view.lines.left, view.lines.right), grey) if is_seen else None
         return view if is_seen else None

@@ -8,7 +8,7 @@ the shape of a runway ahead of the camera.
 
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import combinations
 
@@ -40,6 +40,7 @@ class CropView:
     output: NetworkOutput
     crop: Crop
     config: DetectConfig
+    frames: int = 1  # whose pictures the crop shows, averaged
 
     @cached_property
     def region(self) -> Region:
@@ -49,7 +50,7 @@ class CropView:
     @cached_property
     def lines(self) -> Detection:
         """The lines in the crop, in image px."""
-        return decode_lines(self.output, self.crop, self.config)
+        return replace(decode_lines(self.output, self.crop, self.config), frames=self.frames)
 
     @cached_property
     def count(self) -> int:
@@ -95,9 +96,12 @@ class Search:
 
     def view_crop(self, crop: Crop) -> CropView:
         """One inference: the network's output for a crop."""
+        return self.view_pixels(normalise(sample_crop(self.image_rgb, crop, self.config.grid.size)), crop)
+
+    def view_pixels(self, pixels: NDArray[np.float32], crop: Crop, frames: int = 1) -> CropView:
+        """One inference: the network's output for what so many frames show in a crop, (3, height, width)."""
         self.crops.append(crop)
-        pixels = normalise(sample_crop(self.image_rgb, crop, self.config.grid.size))
-        return CropView(self.infer(pixels), crop, self.config)
+        return CropView(self.infer(pixels), crop, self.config, frames)
 
     def search_whole(self) -> None:
         """View the likeliest places of the whole image, until the lines are beyond doubt."""

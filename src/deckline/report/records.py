@@ -79,6 +79,7 @@ def frame_record(result: FrameResult, approach: Approach) -> Record:
         "scale_sources": [str(source) for source in result.guidance.scale_sources],
         "mode": str(estimate.mode),
         "edge": detection.edge and str(detection.edge),
+        "frames_joined": detection.frames,
         "reason": result.guidance.reason,
         "reasons": [str(diagnostic.reason) for diagnostic in result.guidance.diagnostics],
         "lines": lines,
@@ -192,7 +193,18 @@ def _columns() -> dict[str, tuple[str | int, ...]]:
     """Column names with units -> where each value lies in a record."""
     columns: dict[str, tuple[str | int, ...]] = {
         name: (name,)
-        for name in ("file", "time_s", "status", "seen", "pose_source", "scale_sources", "mode", "edge", "reason")
+        for name in (
+            "file",
+            "time_s",
+            "status",
+            "seen",
+            "pose_source",
+            "scale_sources",
+            "mode",
+            "edge",
+            "frames_joined",
+            "reason",
+        )
     }
     columns |= {name: (name,) for name in ("flags", "skipped")}
     for name in GUIDANCE:

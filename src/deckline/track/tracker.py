@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deckline.config import RunConfig
 from deckline.track.extent import move_ramp_to_deck, runway_prior, update_extent, visible_extent
@@ -27,10 +28,12 @@ from deckline.types import (
     TrackState,
 )
 
+Array = NDArray[np.float64]
 NEW_FLIGHT_S = 2.0  # a time this far back is another flight, not a late frame
 MAX_REFUSED = 10  # frames in a row: without a time the track's age is unknown
 CAUSE_SIGMA = 3.0  # of the stated width, beyond which it is named as the cause of lines that begin no track
 ROUNDING_S = 1e-6  # of sums of times
+MAX_SPEED_SIGMA_M_S = 3.0  # of the runway along its lines, beyond which its speed counts as unknown
 UNUSABLE = {Reason.FROZEN}  # flags of a frame whose lines may not update the track
 
 
@@ -64,6 +67,7 @@ class FrameContext:
     step_s: float  # since the frame before; 0 at the beginning
     flags: Diagnostics  # found before any filtering
     diagnostics: Diagnostics  # why the frame, or the track before it, is not used
+    frames: int = 1  # whose pictures the lines are from
 
 
 class Tracker:
@@ -109,13 +113,16 @@ class Tracker:
             return replace(found, restart=self._end(f"the pose jumped by {jump_m:.0f} m"), is_new_flight=True)
         return replace(found, memory=replace(memory, state=state, aircraft=aircraft or memory.aircraft))
 
-    def update(self, prediction: Prediction, estimate: RunwayEstimate, flags: Diagnostics = ()) -> Track:
+    def update(
+        self, prediction: Prediction, estimate: RunwayEstimate, flags: Diagnostics = (), frames: int = 1
+    ) -> Track:
         """The track after one more frame.
 
         Args:
             prediction: by `predict`, of the frame.
             estimate: lines of the frame alone.
             flags: of the frame's monitors; they join those of the track.
+            frames: whose pictures the lines are from, this one's and those right before it.
         """
         time_s = prediction.frame.time_s
         if prediction.refused is not None:
@@ -126,7 +133,7 @@ class Tracker:
             return replace(self._last, state=state, diagnostics=(prediction.refused,), excluded=())
         self._refused, self._time_s = 0, time_s
         unusable = tuple(flag for flag in flags if flag.reason in UNUSABLE)
-        track = self._advance(prediction, estimate, unusable)
+        track = self._advance(prediction, estimate, unusable, frames)
         self._last = replace(track, flags=track.flags + tuple(flag for flag in flags if flag not in unusable))
         return self._last
 
@@ -162,7 +169,7 @@ class Tracker:
         lines = track_lines(memory.state, memory.aircraft.camera_pose(frame), 0.0, self.config)
         return runway_prior(memory.state, memory.extent, lines, unseen_s)
 
-    def _advance(self, prediction: Prediction, estimate: RunwayEstimate, unusable: Diagnostics) -> Track:
+    def _advance(self, prediction: Prediction, estimate: RunwayEstimate, unusable: Diagnostics, frames: int) -> Track:
         if prediction.is_new_flight:  # or another place, where no memory holds
             self._memory, self._faults = None, FaultMonitor()
         frame, diagnostics = prediction.frame, () if prediction.restart is None else (prediction.restart,)
@@ -174,8 +181,8 @@ class Tracker:
         if flags:
             lines, diagnostics = {}, (*diagnostics, *flags)
         if prediction.memory is None:
-            return self._start_track(FrameContext(frame, estimate, lines, 0.0, flags, diagnostics))
-        context = FrameContext(frame, estimate, lines, prediction.step_s, flags, diagnostics)
+            return self._start_track(FrameContext(frame, estimate, lines, 0.0, flags, diagnostics, frames))
+        context = FrameContext(frame, estimate, lines, prediction.step_s, flags, diagnostics, frames)
         return self._continue_track(prediction.memory, context)
 
     def _start_track(self, context: FrameContext, aircraft: Aircraft | None = None) -> Track:
@@ -246,10 +253,8 @@ class Tracker:
             return replace(memory, consistent_s=time_s)
         if gated.accepted is None:
             return memory
-        correlated = CORRELATION_TIME_S / context.step_s if 0 < context.step_s < CORRELATION_TIME_S else 1.0  # frames
-        state = update(
-            memory.state, gated.accepted.innovation, gated.accepted.design, correlated * gated.accepted.noise
-        )
+        inflation = noise_inflation(context.step_s, time_s - memory.seen_s, context.frames)
+        state = update(memory.state, gated.accepted.innovation, gated.accepted.design, inflation * gated.accepted.noise)
         state = shift_reference(state, gated.accepted.x_m)
         near_m = 0.0 if memory.extent is None else float(state.local(memory.extent.near_m)[0])
         ramp = move_ramp_to_deck(context.frame, context.estimate, state, fault_gains(state, near_m, self.config))
@@ -276,6 +281,35 @@ class Tracker:
             excluded=() if gated is None else gated.excluded,
             diagnostics=context.diagnostics,
         )
+
+
+def noise_inflation(step_s: float, since_s: float, frames: int) -> float:
+    """By how much a measurement's covariance is inflated, as it is not independent of those before it.
+
+    Single frames err alike over a correlation time T: T / step of them count as one. Lines from n joined frames, of
+    which s were there at the last update, bring n - s new ones: in the next n updates every frame would count n times,
+    so that each may count n / (n - s). n - s is since / step, at most n. A moving average of n frames keeps the noise's
+    density at zero frequency, which is that of the frames; hence the larger of the two factors, not their product.
+
+    Args:
+        step_s: since the frame before, s; 0: there is none.
+        since_s: since lines last updated the track, s; infinite: never.
+        frames: n.
+
+    Source: Bayley and Hammersley, "The effective number of independent observations", 1946.
+    """
+    correlated = CORRELATION_TIME_S / step_s if 0 < step_s < CORRELATION_TIME_S else 1.0
+    return max(correlated, frames * step_s / since_s, 1.0)
+
+
+def ship_velocity(prediction: Prediction | None, config: RunConfig) -> Array:
+    """Velocity of the runway, north and east, m/s (2,): stated, else along its lines by the track; 0 if not known."""
+    if config.deck.ship_velocity_m_s is not None:
+        return np.array(config.deck.ship_velocity_m_s)
+    memory = None if prediction is None else prediction.memory
+    if memory is None or memory.extent is None or memory.extent.speed.sigma > MAX_SPEED_SIGMA_M_S:
+        return np.zeros(2)
+    return np.asarray(memory.extent.speed_m_s * memory.state.along[:2])
 
 
 def _lost_track(context: FrameContext, gated: GatedMeasurement | None, flags: Diagnostics) -> Track:

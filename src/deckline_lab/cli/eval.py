@@ -10,6 +10,7 @@ COMMANDS = {
     "detection": "deckline_lab.evaluation.detection:detection",
     "detectors": "deckline_lab.evaluation.detection:detectors",
     "integrity": "deckline_lab.evaluation.integrity_runs:integrity",
+    "joined": "deckline_lab.evaluation.joined:joined",
     "localization": "deckline_lab.evaluation.localization:localization",
     "picture": "deckline_lab.evaluation.picture_alone:picture",
     "report": "deckline_lab.evaluation.tables:report",
@@ -42,6 +43,7 @@ EXAMPLES = {
         "deckline eval ablation data --out ablation --steps 3000",
         "deckline eval ablation data --out ablation --minutes 60",
     ),
+    "deckline eval joined": ("deckline eval joined", "deckline eval joined --approaches 4 --visibility 1500"),
     "deckline eval localization": (
         "deckline eval localization --points --approaches 20",
         "deckline eval localization --approaches 4 --out table6",
