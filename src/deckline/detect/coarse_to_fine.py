@@ -37,7 +37,8 @@ class DetectConfig:
     # The rest is chosen with 17 labelled photographs in view: docs/experiments/2026-11-search-on-photographs.md.
     min_close_probability: float = 0.85  # of both lines, however faint the runway is in the whole image
     # Chosen on frames of strangers' videos: docs/experiments/2026-11-search-over-time.md.
-    min_ahead_probability: float = 0.6  # of both lines with the shape of a runway ahead: `RunwayShape.is_ahead`
+    # Of both lines, product of two views, with the shape of a runway ahead: `RunwayShape.is_ahead`.
+    min_ahead_probability: float = 0.5
     sure_probability: float = 0.87  # of both lines; with it the search ends
     sure_clear_probability: float = 0.75  # the same, times the runway's probability in the whole image
     agreeing_probability: float = 0.75  # of each of two views with the same lines; with them the search ends

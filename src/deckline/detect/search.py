@@ -3,7 +3,7 @@
 A view is one inference of the network on one crop. The view of the whole image proposes places; views of overlapping
 tiles propose more. At each place the views become closer until the runway fills a good half of one. The closest view
 decides: in the view of a whole photograph a runway is often faint. A pair of lines may be less probable where it has
-the shape of a runway ahead of the camera.
+the shape of a runway ahead of the camera and two views show it.
 """
 
 from collections import deque
@@ -86,6 +86,7 @@ class Search:
     """The closest view of every place of a tile."""
 
     def __post_init__(self) -> None:
+        self._second: dict[CropView, float] = {}  # of every pair, the probability of the best other view of its lines
         check_image(self.image_rgb)
         self.image_size = (self.image_rgb.shape[1], self.image_rgb.shape[0])
 
@@ -152,6 +153,16 @@ class Search:
             box = view.region.box
         if view not in candidates:  # by identity: two places may end at the whole, which cannot agree with itself
             candidates.append(view)
+            self._confirm(view)
+
+    def _confirm(self, view: CropView) -> None:
+        """Note which of the pairs so far a view's pair of lines confirms."""
+        if view.count < 2 or view in self._second:
+            return
+        same = [other for other in self._second if agree(view.lines, other.lines)]
+        for other in same:
+            self._second[other] = max(self._second[other], view.probability)
+        self._second[view] = max((other.probability for other in same), default=0.0)
 
     def search_prior(self, box: Box) -> CropView | None:
         """The closest view of a box in the image, with both lines about its middle; None where they are not seen."""
@@ -201,8 +212,8 @@ class Search:
         return view.count == 2 and close and whole >= self.config.min_view_probability
 
     def _is_ahead(self, view: CropView) -> bool:
-        """Whether a pair of lines is probable enough for a runway that lies ahead."""
-        if view.count < 2 or view.probability < self.config.min_ahead_probability:
+        """Whether two views show a pair of lines, probable enough for a runway that lies ahead."""
+        if view.probability * self._second.get(view, 0.0) < self.config.min_ahead_probability:
             return False
         shape = runway_shape(view.lines)
         return shape is not None and shape.is_ahead(self.image_size[0])
