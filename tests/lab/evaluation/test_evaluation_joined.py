@@ -1,0 +1,24 @@
+"""`deckline eval joined` on one short approach."""
+
+import json
+
+import cv2
+import pytest
+
+from deckline.cli import main
+
+
+def test_several_frames_are_compared_with_one(tmp_path):
+    out, figure = tmp_path / "joined.json", tmp_path / "joined.png"
+    command = ["eval", "joined", "--approaches", "1", "--frames", "3", "--visibility", "3000"]
+    assert main([*command, "--figure", str(figure), "--json", str(out)]) == 0
+    figures = json.loads(out.read_text())
+    assert figures["3000.still.right, one frame"] == 1
+    assert figures["3000.still.beside, joined"] == 0
+    assert cv2.imread(str(figure)).std() > 10
+
+
+@pytest.mark.parametrize("option", [["--approaches", "0"], ["--frames", "1"]])
+def test_too_few_are_refused(option, capsys):
+    assert main(["eval", "joined", *option]) != 0
+    assert option[0] in capsys.readouterr().err
