@@ -72,7 +72,7 @@ def test_without_a_period_or_after_a_gap_every_picture_is_searched_whole(search_
 @pytest.mark.parametrize("is_sure", [True, False])
 @pytest.mark.parametrize("picture", [draw((1280, 720), *HERE), np.zeros((720, 1280, 3), np.uint8)])
 def test_after_the_first_no_picture_takes_more_than_three_views(picture, is_sure):
-    _, views, _ = detect_all(ShortSightedDetector(), [picture] * 40, is_sure=is_sure)
+    _, views, _ = detect_all(ShortSightedDetector(), [picture] * 40, 1 / 30, is_sure=is_sure)
     assert max(views[1:]) <= VIEWS
 
 
@@ -88,8 +88,8 @@ def test_a_small_runway_is_found_over_frames_while_the_picture_turns():
     rng = np.random.default_rng(3)
     ground = np.repeat(np.repeat(rng.integers(0, 40, (100, 200, 1), dtype=np.uint8), 10, axis=0), 10, axis=1)
     pictures, truth = [np.zeros((720, 1280, 3), np.uint8)], [None]
-    for number in range(30):
-        shift = 8.0 * number
+    for number in range(60):
+        shift = 4.0 * number
         truth.append([(u0 - shift, v0, u1 - shift, v1) for u0, v0, u1, v1 in SMALL])
         picture = np.repeat(ground[:720, int(shift) : int(shift) + 1280], 3, axis=2)
         pictures.append(np.maximum(picture, draw((1280, 720), *truth[-1])))
@@ -97,11 +97,11 @@ def test_a_small_runway_is_found_over_frames_while_the_picture_turns():
     scheduler, found = SearchScheduler(detector, 1.0), []
     for number, picture in enumerate(pictures):
         before = detector.views
-        found.append(scheduler.detect(0.05 * number, picture, None, False))
+        found.append(scheduler.detect(number / 30, picture, None, False))
         assert number == 0 or detector.views - before <= VIEWS
     seen = [number for number, detection in enumerate(found) if len(detection.left)]
     assert seen and seen == list(range(seen[0], len(found)))  # once found it is followed
-    assert seen[0] <= 18  # 30 places at up to three views a frame
+    assert seen[0] <= 45  # some 35 views at one a frame
     for number in seen:
         check_lines(found[number], *truth[number])
 

@@ -1,8 +1,9 @@
 """Detection over the pictures of one flight: a bounded number of views a frame, the search spread over frames.
 
 One view a frame is of the track's box. Beside it a picture is searched as if nothing were known, while later frames
-come: one view a frame where the track is sure, else up to three views a frame in all. Where that search finds a runway,
-the next frame is viewed there, moved as the picture has moved since.
+come: one view a frame where the track is sure. Where it is not, three views a frame, or a hundred a second if that is
+more, are shared between the likeliest places of the frame itself and the search of all small tiles of the picture that
+is held. Where that search finds a runway, the next frame is viewed there, moved as the picture has moved since.
 
 A track must not confirm itself: every `search_s` such a search is compared with the lines that the track's box gave in
 the same picture. While they differ, one search follows the other, and both places are viewed in every frame; from the
@@ -24,7 +25,10 @@ from deckline.detect.search import CropView, Search, agree, search_lines
 from deckline.types import Detection, Diagnostic, Diagnostics, Frame, LinePoints, Reason, RunwayEstimate
 
 SURE_VIEWS = 2  # of a picture at most where the track is sure
-VIEWS = 3  # of any picture at most
+VIEWS = 3  # of any other picture at most,
+VIEWS_PER_S = 100.0  # or of pictures that come slowly
+HELD_SHARE = 3  # of these one in so many is of the held picture
+QUICK_TILINGS = 1  # that are searched in every frame that shows nothing else
 DONE = object()
 NOTHING = Detection(LinePoints.empty(), LinePoints.empty())
 OTHER_LINES = Diagnostic(Reason.OTHER_LINES, "a search of the whole picture sees other lines than the track")
@@ -112,8 +116,8 @@ class SearchScheduler:
             is_sure: the pictures before confirm the box.
             view_joined: one view of several pictures, where this one alone does not surely show both lines in the box.
         """
-        follows, self._seen_s = 0 < time_s - self._seen_s <= self.search_s, time_s
-        if not follows:
+        passed_s, self._seen_s = time_s - self._seen_s, time_s
+        if not 0 < passed_s <= self.search_s:
             return self._search_at_once(time_s, image_rgb, box)
         search = self.detector.start_search(image_rgb)
         at_box = None if box is None else self._view_box(search, box, view_joined)
@@ -124,10 +128,12 @@ class SearchScheduler:
             return at_box.lines
         at_place = self._view_place(search, self._place) if self._place and len(search.crops) < VIEWS else None
         seen = _choose(search, at_box, at_place)
-        compared = at_box or seen
-        reference = None if compared is None else compared.lines
-        found = self._search_on(time_s, image_rgb, reference, VIEWS - len(search.crops))
-        return found if seen is None else seen.lines
+        views = max(VIEWS, round(VIEWS_PER_S * passed_s)) - len(search.crops)
+        held_views = min(max(1, views // HELD_SHARE), views)
+        found = seen or self._search_quickly(image_rgb, views - held_views)
+        compared = at_box or found
+        self._search_on(time_s, image_rgb, None if compared is None else compared.lines, held_views)
+        return NOTHING if found is None else found.lines
 
     def _search_at_once(self, time_s: float, image_rgb: NDArray[np.uint8], box: Box | None) -> Detection:
         search, beside = (self.detector.start_search(image_rgb) for _ in range(2))  # the box is no place searched
@@ -165,13 +171,16 @@ class SearchScheduler:
         self._place = FoundPlace(box_around(view.lines.left, view.lines.right), grey) if is_seen else None
         return view if is_seen else None
 
-    def _search_on(
-        self, time_s: float, image_rgb: NDArray[np.uint8], reference: Detection | None, views: int
-    ) -> Detection:
-        """So many views of the search under way, or of a new one of this picture, to compare with a reference.
+    def _search_quickly(self, image_rgb: NDArray[np.uint8], views: int) -> CropView | None:
+        """What so many views of a new search of this picture find, its small tiles left out."""
+        search = self.detector.start_search(image_rgb)
+        steps = search.steps(QUICK_TILINGS)
+        while len(search.crops) < views and next(steps, DONE) is not DONE and not search.is_decided:
+            pass
+        return search.choose() if search.crops else None
 
-        Returns the lines that it found in this picture beyond what a whole search could change.
-        """
+    def _search_on(self, time_s: float, image_rgb: NDArray[np.uint8], reference: Detection | None, views: int) -> None:
+        """So many views of the search under way, or of a new one of this picture, to compare with a reference."""
         if self._held is None:
             search = self.detector.start_search(image_rgb)
             self._held = HeldSearch(search, search.steps(), small_grey(image_rgb), reference)
@@ -179,12 +188,7 @@ class SearchScheduler:
         most = len(held.search.crops) + views
         while len(held.search.crops) < most:
             if next(held.steps, DONE) is DONE or (held.reference is None and held.search.is_decided):
-                self._end_search(time_s, held)
-                break
-        if held.search.image_rgb is not image_rgb:
-            return NOTHING
-        found = held.search.choose() if self._held is None else held.search.choose_clear()
-        return NOTHING if found is None else found.lines
+                return self._end_search(time_s, held)
 
     def _end_search(self, time_s: float, held: HeldSearch) -> None:
         self._held, self._last_s = None, time_s

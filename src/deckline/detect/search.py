@@ -112,11 +112,15 @@ class Search:
         """View the image's tiles, and closer the likeliest place of each tile that may show a runway."""
         _exhaust(self._search_tiles())
 
-    def steps(self) -> Iterator[None]:
-        """The whole search in steps of one view each. All places are viewed, also when lines are beyond doubt."""
+    def steps(self, tilings: int | None = None) -> Iterator[None]:
+        """The whole search in steps of one view each. All places are viewed, also when lines are beyond doubt.
+
+        Args:
+            tilings: how many of the configuration's; None: all.
+        """
         yield from self._search_places(all_places=True)
         if not self.is_settled:
-            yield from self._search_tiles()
+            yield from self._search_tiles(tilings)
 
     def _search_places(self, all_places: bool = False) -> Iterator[None]:
         places = decode_places(self.whole.output.region, self.whole.output.box, self.config.places)
@@ -125,8 +129,8 @@ class Search:
             if place.probability >= self.config.min_place_probability and (all_places or not self.is_decided):
                 yield from self._approach(self.whole, place.box, self.candidates)
 
-    def _search_tiles(self) -> Iterator[None]:
-        for count, share in self.config.tilings:
+    def _search_tiles(self, tilings: int | None = None) -> Iterator[None]:
+        for count, share in self.config.tilings[:tilings]:
             for crop in tile_crops(self.image_size, self.config.grid.size, count, share):
                 if self.is_decided:
                     return
@@ -208,8 +212,8 @@ class Search:
     def _is_clear_tile(self, view: CropView) -> bool:
         """Whether a pair of lines of a tile's place counts: the whole image shows a runway somewhere."""
         whole = self.whole.region.probability
-        close = view.probability >= self.config.min_close_probability
-        return view.count == 2 and close and whole >= self.config.min_view_probability
+        close = view.probability >= self.config.min_close_probability and whole >= self.config.min_view_probability
+        return view.count == 2 and (close or view.probability * whole >= self.config.min_probability)
 
     def _is_ahead(self, view: CropView) -> bool:
         """Whether two views show a pair of lines, probable enough for a runway that lies ahead."""
@@ -248,10 +252,6 @@ class Search:
     def choose(self) -> CropView | None:
         """The candidate whose lines count: the likeliest pair, above all one ahead, else the likeliest lone line."""
         return max(self.accepted, key=self._rank, default=None)
-
-    def choose_clear(self) -> CropView | None:
-        """The same of the places of the whole image that count whatever else the image shows."""
-        return max(filter(self._is_clear, self.candidates), key=self._rank, default=None)
 
     def _rank(self, view: CropView) -> tuple[int, float]:
         return view.count, view.probability + (AHEAD_BONUS if self._is_ahead(view) else 0.0)

@@ -9,7 +9,6 @@ SEEDS = (0, 1, 2)
 SUB_IMAGE_PX = 256
 EVERY = 3  # test pairs
 DIFFERS = """\
-The figures saved with deckline are of a former recipe, as their command says; with --minutes the present one trains.
 What differs: the paper trains each row for 600,000 steps of 16 on pictures of its own; here as few as stated, 2
 pictures or sub-images a step, averaged down by two, on the coarse grid. A whole picture has 3.5 times the pixels of a
 sub-image."""
