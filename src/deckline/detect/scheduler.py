@@ -121,7 +121,7 @@ class SearchScheduler:
             return self._search_at_once(time_s, image_rgb, box)
         search = self.detector.start_search(image_rgb)
         at_box = None if box is None else self._view_box(search, box, view_joined)
-        if at_box is not None and is_sure and not self._contradictions and self._is_sure_pair(search, at_box):
+        if at_box is not None and is_sure and not self._contradictions and _is_sure_pair(search, at_box):
             self._place = None
             if self._held is not None or time_s - self._last_s >= self.search_s:
                 self._search_on(time_s, image_rgb, at_box.lines, SURE_VIEWS - len(search.crops))
@@ -130,7 +130,9 @@ class SearchScheduler:
         seen = _choose(search, at_box, at_place)
         views = max(VIEWS, round(VIEWS_PER_S * passed_s)) - len(search.crops)
         held_views = min(max(1, views // HELD_SHARE), views)
-        found = seen or self._search_quickly(image_rgb, views - held_views)
+        found = seen
+        if seen is None or seen.count < 2:
+            found = self._search_quickly(image_rgb, views - held_views) or seen
         compared = at_box or found
         self._search_on(time_s, image_rgb, None if compared is None else compared.lines, held_views)
         return NOTHING if found is None else found.lines
@@ -150,16 +152,13 @@ class SearchScheduler:
         is_only = self._place is None and self._held is None and view_joined is None
         view = search.view_prior(box, passes=2 if is_only else 1)
         if search.shows_pair(view, box):
-            if view_joined is None or self._is_sure_pair(search, view):
+            if view_joined is None or _is_sure_pair(search, view):
                 return view
             joined = view_joined(search, box)
             return view if joined is None or joined.probability < view.probability else joined
         joined = None if view_joined is None else view_joined(search, box)
         is_line = view.count == 1 and view.probability >= search.config.min_lone_probability
         return joined or (view if is_line else None)
-
-    def _is_sure_pair(self, search: Search, view: CropView) -> bool:
-        return view.count == 2 and view.probability >= search.config.agreeing_probability
 
     def _view_place(self, search: Search, place: FoundPlace) -> CropView | None:
         """The view of where the runway was found, moved as the picture has moved; followed as long as it shows."""
@@ -198,6 +197,10 @@ class SearchScheduler:
         self._contradictions = self._contradictions + 1 if differs else 0
         if found is not None and found.count == 2 and (differs or not has_pair):
             self._place = FoundPlace(box_around(found.lines.left, found.lines.right), held.grey)
+
+
+def _is_sure_pair(search: Search, view: CropView) -> bool:
+    return view.count == 2 and view.probability >= search.config.agreeing_probability
 
 
 def _choose(search: Search, at_box: CropView | None, at_place: CropView | None) -> CropView | None:
