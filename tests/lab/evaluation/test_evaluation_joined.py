@@ -5,7 +5,7 @@ import json
 import cv2
 import pytest
 
-from deckline.cli import main
+from deckline.cli.main import main
 
 
 def test_several_frames_are_compared_with_one(tmp_path):
@@ -13,8 +13,8 @@ def test_several_frames_are_compared_with_one(tmp_path):
     command = ["eval", "joined", "--approaches", "1", "--frames", "3", "--visibility", "3000"]
     assert main([*command, "--figure", str(figure), "--json", str(out)]) == 0
     figures = json.loads(out.read_text())
-    assert figures["3000.still.right, one frame"] == 1
-    assert figures["3000.still.beside, joined"] == 0
+    assert figures["3000.still.one: right"] == 1
+    assert figures["3000.still.joined: beside"] == 0
     assert cv2.imread(str(figure)).std() > 10
 
 
