@@ -4,8 +4,8 @@
 
 Sources are recordings with truth and folders with labels.json, where null for both lines means no runway; further
 views without a runway are rendered. The likeliest places of every view are searched once; tiles, whose pairs count by
-their shape too, are not. All combinations are then tried on the network's stored outputs. For every share of false lines
-the combination that finds most lines is printed, after the detector's own.
+their shape too, are not. All combinations are then tried on the network's stored outputs. For every share of false
+lines the combination that finds most is printed, after the detector's own.
 """
 
 import argparse
