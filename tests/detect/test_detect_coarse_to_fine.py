@@ -301,6 +301,7 @@ def test_what_contradicts_the_one_line_that_the_search_saw_does_not_count():
     [
         (lambda: detect_lines(np.zeros((5, 5, 3)), Oracle(), DetectConfig()), r"\(5, 5, 3\) of float64"),
         (lambda: DetectConfig(max_passes=0), r"max_passes.*0"),
+        (lambda: DetectConfig(tilings=[(2, 0.5), (3, 1.5)]), r"tilings.*1\.5"),
         (lambda: detect_lines(BLACK, Oracle(), DetectConfig(), (5.0, 5.0, 5.0, 9.0)), r"box .*5\.0, 5\.0, 5\.0"),
         (lambda: detect_lines(BLACK, Oracle(), DetectConfig(), (np.nan, 0.0, 5.0, 5.0)), r"box .*nan"),
     ],

@@ -61,6 +61,9 @@ class DetectConfig:
 
     def __post_init__(self) -> None:
         check_numbers(self, "", "max_passes", "min_rows", "places", least=1)
+        object.__setattr__(self, "tilings", tuple((int(count), float(share)) for count, share in self.tilings))
+        if any(count < 1 or not 0 < share <= 1 for count, share in self.tilings):
+            raise ValueError(f"tilings needs pairs of a count of 1 or more and a share up to 1, got {self.tilings}")
 
 
 def closer_crop(box: Float64, crop: Crop, image_size: tuple[int, int], config: DetectConfig) -> Crop:
