@@ -81,9 +81,9 @@ class Search:
     crops: list[Crop] = field(default_factory=list)
     """All that were viewed, in order."""
     candidates: list[CropView] = field(default_factory=list)
-    """The closest view of every place of the whole image."""
+    """The closest view of every place of the whole image and of its largest tiles."""
     tile_candidates: list[CropView] = field(default_factory=list)
-    """The closest view of every place of a tile."""
+    """The closest view of every place of a smaller tile."""
 
     def __post_init__(self) -> None:
         self._second: dict[CropView, float] = {}  # of every pair, the probability of the best other view of its lines
@@ -130,14 +130,15 @@ class Search:
                 yield from self._approach(self.whole, place.box, self.candidates)
 
     def _search_tiles(self, tilings: int | None = None) -> Iterator[None]:
-        for count, share in self.config.tilings[:tilings]:
+        for number, (count, share) in enumerate(self.config.tilings[:tilings]):
+            candidates = self.tile_candidates if number else self.candidates
             for crop in tile_crops(self.image_size, self.config.grid.size, count, share):
                 if self.is_decided:
                     return
                 tile = self.view_crop(crop)
                 yield
                 if tile.region.probability >= self.config.min_tile_probability:
-                    yield from self._approach(tile, tile.region.box, self.tile_candidates)
+                    yield from self._approach(tile, tile.region.box, candidates)
 
     def _approach(self, view: CropView, box: Float64, candidates: list[CropView]) -> Iterator[None]:
         """Ever closer views of a box of a view; the last one becomes a candidate, unless a view shows no runway."""
@@ -210,10 +211,10 @@ class Search:
         )
 
     def _is_clear_tile(self, view: CropView) -> bool:
-        """Whether a pair of lines of a tile's place counts: the whole image shows a runway somewhere."""
+        """Whether a pair of lines of a small tile's place counts: the whole image shows a runway somewhere."""
         whole = self.whole.region.probability
-        close = view.probability >= self.config.min_close_probability and whole >= self.config.min_view_probability
-        return view.count == 2 and (close or view.probability * whole >= self.config.min_probability)
+        close = view.probability >= self.config.min_close_probability
+        return view.count == 2 and close and whole >= self.config.min_view_probability
 
     def _is_ahead(self, view: CropView) -> bool:
         """Whether two views show a pair of lines, probable enough for a runway that lies ahead."""
