@@ -77,7 +77,7 @@ def steady_pose(layout: Layout, motion: ShipMotion, time_s: float) -> RigidTrans
 
 def ship_pose(layout: Layout, motion: ShipMotion, time_s: float) -> RigidTransform:
     """world_from_ship with everything: speed, roll and pitch about the middle at the waterline, heave."""
-    (roll, pitch, heave), _ = _swing(layout, motion, time_s)
+    (roll, pitch, heave), _ = swing(layout, motion, time_s)
     turn, middle = attitude(roll, pitch, 0.0), middle_m(layout)
     swung = RigidTransform.from_components(middle - turn.apply(middle), turn)
     return RigidTransform.from_translation([0.0, 0.0, -heave]) * steady_pose(layout, motion, time_s) * swung
@@ -87,7 +87,7 @@ def ship_velocity(
     layout: Layout, motion: ShipMotion, time_s: float, point_m: ArrayLike = (0.0, 0.0, 0.0)
 ) -> NDArray[np.float64]:
     """Velocity (3,) in the world, m/s, of a point (3,) of the ship frame."""
-    (roll, pitch, _), (roll_rate, pitch_rate, heave_rate) = _swing(layout, motion, time_s)
+    (roll, pitch, _), (roll_rate, pitch_rate, heave_rate) = swing(layout, motion, time_s)
     turn = attitude(roll, pitch, 0.0)
     rate = Rotation.from_euler("y", pitch).apply(np.array([roll_rate, pitch_rate, 0.0]))
     arm = turn.apply(np.asarray(point_m, dtype=np.float64) - middle_m(layout))
@@ -97,7 +97,7 @@ def ship_velocity(
 
 def deck_rise(layout: Layout, motion: ShipMotion, time_s: float, point_m: ArrayLike) -> float:
     """Height, m, of a deck point (2,) of the ship frame above its place on the steady ship."""
-    (roll, pitch, heave), _ = _swing(layout, motion, time_s)
+    (roll, pitch, heave), _ = swing(layout, motion, time_s)
     arm = np.array([*np.asarray(point_m, dtype=np.float64), 0.0]) - middle_m(layout)
     return float(heave - (attitude(roll, pitch, 0.0).apply(arm)[2] - arm[2]))
 
@@ -113,8 +113,8 @@ def middle_m(layout: Layout) -> NDArray[np.float64]:
     return np.array([layout.length_m / 2, 0.0, layout.deck_height_m])
 
 
-def _swing(layout: Layout, motion: ShipMotion, time_s: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Roll, pitch and heave (up), and their rates."""
+def swing(layout: Layout, motion: ShipMotion, time_s: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Roll, pitch and heave (up) (3,) of the ship at a time, rad and m, and their rates (3,)."""
     size = (0.0 if layout.on_land else 1.0) * np.array([motion.roll_rad, motion.pitch_rad, motion.heave_m])
     rate = 2 * np.pi / np.array(PERIODS_S)
     angle = rate * time_s + np.array(motion.phases_rad)

@@ -1,0 +1,1 @@
+"""Landings in a closed loop: flight dynamics, moving deck, air, navigation, camera, deckline's guidance, autopilot."""

@@ -1,0 +1,106 @@
+"""What one landing is flown in. A value out of its range is a ValueError that names the setting and the value."""
+
+from dataclasses import dataclass, field
+from typing import Literal, get_args
+
+from deckline.checks import check_numbers
+from deckline_sim.config import LARGEST_PX, NavigationConfig, Preset, TimeOfDay
+from deckline_sim.ship.ship_class import SHIP_CLASSES
+
+NavigationGrade = Literal["exact", "good", "tactical"]
+GuidanceSource = Literal["both", "navigation", "picture"]
+SightKind = Literal["rendered", "points", "guidance"]
+LONGEST_LATENCY_S = 1.0
+
+NAVIGATION: dict[NavigationGrade, NavigationConfig] = {  # grades as `NavigationConfig` describes them
+    "exact": NavigationConfig(),
+    "good": NavigationConfig(
+        position_sigma_m=0.02, attitude_sigma_deg=0.005, position_bias_m=0.1, attitude_bias_deg=0.02
+    ),
+    "tactical": NavigationConfig(
+        position_sigma_m=0.1, attitude_sigma_deg=0.02, position_bias_m=1.5, attitude_bias_deg=0.1
+    ),
+}
+
+
+@dataclass(frozen=True)
+class LandingCamera:
+    """The camera ahead, and how late its answers are."""
+
+    fov_deg: float = 60.0
+    """Horizontal field of view, degrees."""
+    width: int = 1280
+    """Of the picture, px."""
+    height: int = 720
+    """Of the picture, px."""
+    rate_hz: float = 10.0
+    """Pictures per second."""
+    latency_s: float = 0.08
+    """From the exposure to the guidance, s."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self, "camera", "fov_deg", least=5.0, most=120.0)
+        check_numbers(self, "camera", "width", "height", least=64, most=LARGEST_PX)
+        check_numbers(self, "camera", "rate_hz", least=1.0, most=60.0)
+        check_numbers(self, "camera", "latency_s", least=0.0, most=LONGEST_LATENCY_S)
+
+
+@dataclass(frozen=True)
+class LandingConfig:
+    """One landing on a ship under way."""
+
+    ship: Preset = "cvn"
+    """One of the named ships."""
+    aircraft: str = "A4"
+    """One of JSBSim's aircraft that `deckline_sim.landing.aircraft` knows."""
+    visibility_m: float = 1000.0
+    """2 % contrast, m; infinite: clear air."""
+    time_of_day: TimeOfDay = "day"
+    """`day`, `dusk` or `night`."""
+    sea_state: float = 3.0
+    """0 (still deck) to 6."""
+    ship_speed_m_s: float = 10.0
+    """Along the ship's heading, m/s."""
+    wind_m_s: float = 6.0
+    """Over the water, 6 m above it, m/s: W20 of MIL-F-8785C."""
+    wind_from_deg: float = 0.0
+    """0: against the landing direction; positive: from its right, degrees."""
+    turbulence: float = 1.0
+    """Factor on the gusts of that wind."""
+    burble: float = 1.0
+    """Factor on the wake behind the ship."""
+    start_m: float = 1500.0
+    """Distance to the ramp at the start, m."""
+    camera: LandingCamera = field(default_factory=LandingCamera)
+    """What looks ahead."""
+    navigation: NavigationGrade = "good"
+    """Accuracy of the navigation unit."""
+    guidance: GuidanceSource = "both"
+    """What the aircraft follows: navigation and picture, navigation alone, or the picture without a pose."""
+    sight: SightKind = "points"
+    """How the picture is seen: rendered, as modelled points through deckline, or as modelled guidance."""
+    detector: str = "hybrid"
+    """Name of the line detector, or the path of an .onnx file; models of sights belong to one detector."""
+    fault: str | None = None
+    """A fault of the integrity campaign; None: none."""
+
+    def __post_init__(self) -> None:
+        for name, kind in (
+            ("time_of_day", TimeOfDay),
+            ("navigation", NavigationGrade),
+            ("guidance", GuidanceSource),
+            ("sight", SightKind),
+        ):
+            if getattr(self, name) not in get_args(kind):
+                raise ValueError(f"{name} must be one of {get_args(kind)}, got {getattr(self, name)!r}")
+        if self.ship not in SHIP_CLASSES or self.ship == "runway":
+            ships = tuple(name for name in SHIP_CLASSES if name != "runway")
+            raise ValueError(f"ship must be one of {ships}, got {self.ship!r}")
+        if not self.visibility_m > 0:
+            raise ValueError(f"visibility_m must be positive, got {self.visibility_m}")
+        check_numbers(self, "", "sea_state", least=0.0, most=6.0)
+        check_numbers(self, "", "ship_speed_m_s", least=0.0, most=20.0)
+        check_numbers(self, "", "wind_m_s", least=0.0, most=25.0)
+        check_numbers(self, "", "wind_from_deg", least=-180.0, most=180.0)
+        check_numbers(self, "", "turbulence", "burble", least=0.0, most=10.0)
+        check_numbers(self, "", "start_m", least=300.0, most=5000.0)

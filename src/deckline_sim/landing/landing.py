@@ -1,0 +1,318 @@
+"""One landing: aircraft, ship, air, navigation, camera, guidance and autopilot on one clock, each at its own rate."""
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deckline.config import Approach
+from deckline.types import Guidance, Status
+from deckline_sim.config import MotionConfig
+from deckline_sim.flight.approach import closing_speed
+from deckline_sim.flight.viewpoints import draw_motion, steady_velocity
+from deckline_sim.landing.air import Gusts, steady_wind, wake
+from deckline_sim.landing.aircraft import APPROACHES, DYNAMICS_HZ, Aircraft, AircraftState, Controls
+from deckline_sim.landing.autopilot import Autopilot, WaveOff, in_window
+from deckline_sim.landing.config import LandingConfig
+from deckline_sim.landing.deck import Deck, DeckPosition, rotation_matrix
+from deckline_sim.landing.sight import Moment, Sight
+from deckline_sim.landing.touchdown import Outcome, Touchdown, outcome_of, strikes_ramp, touch
+from deckline_sim.ship.layout import class_layout
+from deckline_sim.ship.ship_class import load_class
+
+AUTOPILOT_EVERY = 2  # steps of the dynamics: 60 Hz
+SAMPLE_EVERY = 4  # steps between two samples of the flight for films: 30 Hz
+START_SIGMA_M = (10.0, 3.0)  # 1-sigma of the first lateral and vertical offset; our choice
+# Wires of a ship that has none in its class, beyond the beginning of the lines, m; 12.4 m apart as on a large carrier.
+WIRES_M = (52.0, 64.4, 76.8)
+NEAR_M = 60.0  # to the ramp, from which contacts are looked for
+CLEAR_M = 15.0  # above the deck and climbing: a go-around is over
+LONGEST_S = 120.0
+SEEN_SHARE = 0.8  # of the visibility: a ramp that is nearer ought to be seen
+COUNTED_M = 800.0  # to the touchdown point, from which answers are counted
+# Random streams of a landing.
+SHIP, AIR, START = 31, 32, 33
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """The flight at one time, for films and plots."""
+
+    time_s: float
+    """Of the sample, s."""
+    state: AircraftState
+    """The aircraft, true."""
+    guidance: Guidance | None
+    """What the autopilot follows."""
+
+
+@dataclass(frozen=True, eq=False)
+class Landing:
+    """How one pass went."""
+
+    outcome: Outcome
+    """How it ended."""
+    touchdown: Touchdown | None
+    """The contact with the deck; None: there was none."""
+    wave_off: WaveOff | None
+    """Why it was broken off; None: it was not."""
+    called_for: bool
+    """Of a pass that was broken off: whether it had to be, by what was truly so."""
+    first_ok_m: float | None
+    """Distance to the touchdown point at the first `ok` answer of the picture, m; None: there was none."""
+    ok_share: float
+    """Of the answers of the picture within 800 m of the touchdown point, how many were `ok`."""
+    misleading: int
+    """Answers that were `ok`, within 800 m, with an error beyond their protection level."""
+    seconds: float
+    """Flown time, s."""
+    samples: tuple[Sample, ...]
+    """The flight."""
+
+    def record(self) -> dict[str, Any]:
+        """What a campaign keeps: plain numbers and names."""
+        contact = self.touchdown
+        return {
+            "outcome": str(self.outcome),
+            "beyond_aim_m": None if contact is None else round(contact.beyond_aim_m, 3),
+            "right_m": None if contact is None else round(contact.right_m, 3),
+            "sink_m_s": None if contact is None else round(contact.sink_m_s, 3),
+            "wire": None if contact is None else contact.wire,
+            "wave_off": None if self.wave_off is None else str(self.wave_off),
+            "called_for": self.called_for,
+            "first_ok_m": None if self.first_ok_m is None else round(self.first_ok_m, 1),
+            "ok_share": round(self.ok_share, 3),
+            "misleading": self.misleading,
+            "seconds": round(self.seconds, 3),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What a landing is flown in, all random choices made but those of the air."""
+
+    deck: Deck
+    """The ship under way."""
+    approach: Approach
+    """The wanted path of the hook."""
+    wind_m_s: NDArray[np.float64]
+    """(3,) over the water, world, m/s."""
+
+
+@dataclass(eq=False)
+class AnswerCount:
+    """What came of the answers of the picture so far; `count`, `ok`, `misleading` within COUNTED_M."""
+
+    first_ok_m: float | None = None
+    count: int = 0
+    ok: int = 0
+    misleading: int = 0
+
+    def add(self, answer: Guidance, at: DeckPosition) -> None:
+        """Count an answer to a picture that was taken at a true position."""
+        is_ok = answer.status is Status.OK
+        if is_ok and self.first_ok_m is None:
+            self.first_ok_m = at.to_touchdown_m
+        if at.to_touchdown_m > COUNTED_M:
+            return
+        self.count += 1
+        self.ok += is_ok
+        self.misleading += is_ok and is_misleading(answer, at)
+
+
+def is_misleading(answer: Guidance, at: DeckPosition) -> bool:
+    """Whether lateral deviation or height is farther from the truth than the answer's protection level."""
+    level, lateral, height = answer.protection, answer.lateral_deviation_m, answer.height_above_deck_m
+    if level is None or lateral is None or height is None:
+        return False
+    off = abs(lateral.value - at.lateral_m), abs(height.value - at.height_m)
+    return off[0] > level.lateral_m or off[1] > level.vertical_m
+
+
+class Sights:
+    """What an aircraft is guided by on the way in, and what it lands with.
+
+    Args:
+        picture: answers of the camera, or of what stands for it.
+        navigation: guidance by navigation alone, followed while the picture has not been usable; None: there is none.
+    """
+
+    def __init__(self, picture: Sight, navigation: Sight | None = None) -> None:
+        self.picture, self.navigation = picture, navigation
+
+
+def make_scene(config: LandingConfig, seed: int) -> Scene:
+    """The scene of a landing; configuration and seed decide all of it."""
+    ship = load_class(config.ship)
+    layout = class_layout(ship)
+    rng = np.random.default_rng([seed, SHIP])
+    motion = draw_motion(MotionConfig(config.sea_state, config.ship_speed_m_s), False, rng)
+    approach = Approach(point_m=APPROACHES[config.aircraft].hook_m)
+    deck = Deck(layout, motion, approach.touchdown_m, ship.plan.wires_m or WIRES_M)
+    return Scene(deck, approach, steady_wind(deck.landing_direction, config.wind_m_s, config.wind_from_deg))
+
+
+def start_aircraft(config: LandingConfig, scene: Scene, seed: int) -> Aircraft:
+    """The aircraft trimmed on the glideslope, some metres beside it.
+
+    Raises:
+        ValueError: a model that cannot be trimmed, or wind and ship too fast for it.
+    """
+    deck, slope = scene.deck, scene.approach.slope
+    lateral, vertical = np.random.default_rng([seed, START]).normal(0.0, START_SIGMA_M)
+    along, ship = deck.landing_direction, steady_velocity(deck.layout, deck.motion)
+    speed = APPROACHES[config.aircraft].airspeed_m_s
+    closing = closing_speed(along, ship[:2], scene.wind_m_s[:2], speed)
+    through_air = ship[:2] + closing * along - scene.wind_m_s[:2]
+    to_go = config.start_m + deck.touchdown_m
+    right = np.array([-along[1], along[0]])
+    place = deck.ramp_at_rest(0.0) - [0.0, 0.0, to_go * slope + vertical]
+    place[:2] += -config.start_m * along + lateral * right
+    heading = math.atan2(through_air[1], through_air[0])
+    descent = -math.asin(closing * slope / speed)
+    aircraft = Aircraft(config.aircraft, place, heading, descent, scene.wind_m_s)
+    return aircraft
+
+
+def fly(config: LandingConfig, seed: int, sights: Sights) -> Landing:
+    """One pass from the start to the deck, or clear of it; the same for the same configuration, seed and sights.
+
+    Raises:
+        ValueError: an aircraft that cannot be trimmed, or wind and ship too fast for it.
+    """
+    scene = make_scene(config, seed)
+    return _Pass(config, scene, start_aircraft(config, scene, seed), sights, np.random.default_rng([seed, AIR])).fly()
+
+
+class _Pass:
+    """One pass on its way."""
+
+    def __init__(
+        self, config: LandingConfig, scene: Scene, aircraft: Aircraft, sights: Sights, rng: np.random.Generator
+    ) -> None:
+        self.config, self.scene, self.aircraft, self.sights = config, scene, aircraft, sights
+        self.points_m = np.array([scene.approach.point_m, *aircraft.wheels_m])  # hook first
+        self.gusts = Gusts(config.wind_m_s * config.turbulence, rng)
+        hertz = DYNAMICS_HZ / AUTOPILOT_EVERY
+        self.autopilot = Autopilot(aircraft.state, aircraft.trim_throttle, scene.approach.slope, hertz)
+        ship_m_s = steady_velocity(scene.deck.layout, scene.deck.motion)
+        self.along: list[float] = scene.deck.landing_direction.tolist()
+        self.ramp_m, self.ship_m_s = scene.deck.ramp_at_rest(0.0).tolist(), ship_m_s.tolist()
+        self.over_deck_m_s = float((ship_m_s - scene.wind_m_s)[:2] @ self.along)
+        self.waiting: deque[tuple[float, Guidance, AircraftState]] = deque()
+        self.answers = AnswerCount()
+        self.samples: list[Sample] = []
+        self.called_for = False
+        self.time_s = 0.0
+
+    def fly(self) -> Landing:
+        """Step by step to the end."""
+        picture_every = max(round(DYNAMICS_HZ / self.config.camera.rate_hz), 1)
+        controls = Controls(throttle=self.aircraft.trim_throttle)
+        before: NDArray[np.float64] | None = None
+        for step in range(round(LONGEST_S * DYNAMICS_HZ)):
+            self.time_s = step / DYNAMICS_HZ
+            if step % picture_every == 0 and self.autopilot.wave_off is None:
+                self._see()
+            if step % AUTOPILOT_EVERY == 0:
+                controls = self._steer()
+            if step % SAMPLE_EVERY == 0:
+                self.samples.append(Sample(self.time_s, self.aircraft.state, self.autopilot.flown))
+            self.aircraft.step(controls, self._gust())
+            now = self._contact_points((step + 1) / DYNAMICS_HZ)
+            if now is not None and before is not None:
+                ended = self._end(before, now, (step + 1) / DYNAMICS_HZ)
+                if ended is not None:
+                    return self._landing(*ended)
+            before = now
+        return self._landing(Outcome.WATER, None)
+
+    def _see(self) -> None:
+        """Take a picture, and follow navigation while pictures were of no use."""
+        state = self.aircraft.state
+        moment = Moment(self.time_s, state.world_from_body, np.array(state.velocity_m_s), np.array(state.rates_rad_s))
+        answer = self.sights.picture.see(moment)
+        self.waiting.append((self.time_s + self.config.camera.latency_s, answer, state))
+        self.answers.add(answer, self._true_position(state, self.time_s))
+        if self.sights.navigation is not None:
+            known = self.sights.navigation.see(moment)
+            if not self.autopilot.has_picture(self.time_s):
+                self.autopilot.hear(known, state, is_of_picture=False)
+
+    def _steer(self) -> Controls:
+        while self.waiting and self.waiting[0][0] <= self.time_s:
+            _, answer, then = self.waiting.popleft()
+            self.autopilot.hear(answer, then, is_of_picture=True)
+        was_flown = self.autopilot.wave_off is None
+        controls = self.autopilot.fly(self.aircraft.state, self.time_s)
+        if was_flown and self.autopilot.wave_off is not None:
+            self.called_for = self._is_called_for()
+        return controls
+
+    def _is_called_for(self) -> bool:
+        """Whether the pass had to be broken off: truly outside the window, beyond what can be seen, or a fault."""
+        at = self._true_position(self.aircraft.state, self.time_s)
+        too_far = at.to_touchdown_m - self.scene.deck.touchdown_m > SEEN_SHARE * self.config.visibility_m
+        above = at.height_m - at.to_touchdown_m * self.scene.approach.slope
+        return too_far or self.config.fault is not None or not in_window(at.lateral_m, above, at.to_touchdown_m)
+
+    def _true_position(self, state: AircraftState, time_s: float) -> DeckPosition:
+        hook = state.position_m + rotation_matrix(*state.attitude_rad) @ self.scene.approach.point_m
+        return self.scene.deck.position(hook, time_s)
+
+    def _gust(self) -> tuple[float, float, float]:
+        """Gusts and wake at the aircraft, world, m/s."""
+        state, along = self.aircraft.state, self.along
+        behind, above = self._behind_ramp(self.time_s)
+        sinking, missing, rough = wake(behind, above, self.over_deck_m_s, self.config.burble)
+        ahead, side, down = self.gusts.step(-state.position_m[2], state.airspeed_m_s, rough)
+        ahead += missing
+        north, east = ahead * along[0] - side * along[1], ahead * along[1] + side * along[0]
+        return north, east, down + sinking
+
+    def _behind_ramp(self, time_s: float) -> tuple[float, float]:
+        """Distance to the ramp of the steady ship along the landing direction, and height above it, m."""
+        place, ramp, ship = self.aircraft.state.position_m, self.ramp_m, self.ship_m_s
+        north, east = (ramp[k] + ship[k] * time_s - place[k] for k in (0, 1))
+        return north * self.along[0] + east * self.along[1], ramp[2] - place[2]
+
+    def _contact_points(self, time_s: float) -> NDArray[np.float64] | None:
+        """Hook and wheels in the ship's frame; None far from the ship."""
+        state = self.aircraft.state
+        if self._behind_ramp(time_s)[0] > NEAR_M:
+            return None
+        points = state.position_m + self.points_m @ rotation_matrix(*state.attitude_rad).T
+        return self.scene.deck.in_ship_frame(points, time_s)
+
+    def _end(
+        self, before: NDArray[np.float64], now: NDArray[np.float64], time_s: float
+    ) -> tuple[Outcome, Touchdown | None] | None:
+        """How the pass has ended at this step; None: it goes on."""
+        deck = self.scene.deck
+        if any(strikes_ramp(*places, deck) for places in zip(before, now, strict=True)):
+            return Outcome.RAMP_STRIKE, None
+        contact = touch(before, now, 1 / DYNAMICS_HZ, time_s, deck)
+        if contact is not None:
+            return outcome_of(contact, self.aircraft.approach.sink_limit_m_s), contact
+        state = self.aircraft.state
+        if self.autopilot.wave_off is not None and -now[0, 2] > CLEAR_M and state.velocity_m_s[2] < 0:
+            return Outcome.WAVE_OFF, None
+        is_past = now[0, 0] > deck.layout.length_m
+        return (Outcome.WATER, None) if is_past or state.position_m[2] > deck.layout.sea_z_m else None
+
+    def _landing(self, outcome: Outcome, contact: Touchdown | None) -> Landing:
+        answers = self.answers
+        return Landing(
+            outcome,
+            contact,
+            self.autopilot.wave_off,
+            self.called_for,
+            answers.first_ok_m,
+            answers.ok / answers.count if answers.count else 0.0,
+            answers.misleading,
+            self.time_s,
+            tuple(self.samples),
+        )
