@@ -74,13 +74,14 @@ class Autopilot:
         trim: the aircraft's state, throttle and airspeed at the start, trimmed on the path.
         slope: height per distance of the glideslope.
         rate_hz: of `fly`.
+        due_s: time of the decision range by dead reckoning, for an aircraft that has heard nothing.
     """
 
-    def __init__(self, trim: AircraftState, trim_throttle: float, slope: float, rate_hz: float) -> None:
+    def __init__(self, trim: AircraftState, trim_throttle: float, slope: float, rate_hz: float, due_s: float) -> None:
         self.wave_off: WaveOff | None = None
         self.flown: Guidance | None = None  # the guidance that is followed
         self._trim, self._throttle, self._slope = trim, trim_throttle, slope
-        self._step_s = 1 / rate_hz
+        self._step_s, self._due_s = 1 / rate_hz, due_s
         self._path_integral = self._speed_integral = 0.0
         self._at_exposure: AircraftState | None = None
         self._ok: Guidance | None = None  # the last `ok` answer of the picture
@@ -121,7 +122,7 @@ class Autopilot:
     def fly(self, state: AircraftState, time_s: float) -> Controls:
         """Controls for the next step."""
         found = self.deviations(state, time_s)
-        if self.wave_off is None and found is not None:
+        if self.wave_off is None:
             self.wave_off = self._find_reason(found, time_s)
         if self.wave_off is not None:
             return self._go_around(state)
@@ -131,8 +132,10 @@ class Autopilot:
         wanted = -found.closing_m_s * self._slope + _limit(-HEIGHT_RAD_S * found.height_m, MOST_CLIMB_M_S)
         return self._control(state, (wanted - found.height_rate_m_s) / speed, _bank(found))
 
-    def _find_reason(self, found: Deviations, time_s: float) -> WaveOff | None:
+    def _find_reason(self, found: Deviations | None, time_s: float) -> WaveOff | None:
         """Why the pass must be broken off now; None: it need not."""
+        if found is None:
+            return WaveOff.NOT_SEEN if time_s >= self._due_s else None
         if not COMMITTED_M < found.to_go_m < DECISION_M:
             return None
         ok = self._ok

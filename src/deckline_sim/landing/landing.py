@@ -15,7 +15,7 @@ from deckline_sim.flight.approach import closing_speed
 from deckline_sim.flight.viewpoints import draw_motion, steady_velocity
 from deckline_sim.landing.air import Gusts, steady_wind, wake
 from deckline_sim.landing.aircraft import APPROACHES, DYNAMICS_HZ, Aircraft, AircraftState, Controls
-from deckline_sim.landing.autopilot import Autopilot, WaveOff, in_window
+from deckline_sim.landing.autopilot import DECISION_M, Autopilot, WaveOff, in_window
 from deckline_sim.landing.config import LandingConfig
 from deckline_sim.landing.deck import Deck, DeckPosition, rotation_matrix
 from deckline_sim.landing.sight import Moment, Sight
@@ -196,8 +196,13 @@ class _Pass:
         self.config, self.scene, self.aircraft, self.sights = config, scene, aircraft, sights
         self.points_m = np.array([scene.approach.point_m, *aircraft.wheels_m])  # hook first
         self.gusts = Gusts(config.wind_m_s * config.turbulence, rng)
-        hertz = DYNAMICS_HZ / AUTOPILOT_EVERY
-        self.autopilot = Autopilot(aircraft.state, aircraft.trim_throttle, scene.approach.slope, hertz)
+        self.autopilot = Autopilot(
+            aircraft.state,
+            aircraft.trim_throttle,
+            scene.approach.slope,
+            rate_hz=DYNAMICS_HZ / AUTOPILOT_EVERY,
+            due_s=(config.start_m + scene.deck.touchdown_m - DECISION_M) / aircraft.state.airspeed_m_s,
+        )
         ship_m_s = steady_velocity(scene.deck.layout, scene.deck.motion)
         self.along: list[float] = scene.deck.landing_direction.tolist()
         self.ramp_m, self.ship_m_s = scene.deck.ramp_at_rest(0.0).tolist(), ship_m_s.tolist()

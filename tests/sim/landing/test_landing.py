@@ -1,0 +1,94 @@
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from exact_sight import ExactSight
+
+from deckline_sim.landing.aircraft import DYNAMICS_HZ, Aircraft, Controls
+from deckline_sim.landing.autopilot import WaveOff, in_window
+from deckline_sim.landing.config import LandingCamera, LandingConfig
+from deckline_sim.landing.landing import Sights, fly
+from deckline_sim.landing.touchdown import Outcome
+
+CALM = LandingConfig(sea_state=0.0, wind_m_s=0.0, burble=0.0, start_m=700.0)
+
+
+def land(config, seed=0, **sight):
+    return fly(config, seed, Sights(ExactSight(config, seed, **sight)))
+
+
+def test_a_trimmed_aircraft_stays_on_its_path_and_the_wind_carries_it():
+    flown = []
+    for wind in (np.zeros(3), np.array([-8.0, 3.0, 0.0])):
+        aircraft = Aircraft("A4", np.array([10.0, 20.0, -150.0]), 0.4, math.radians(-3.5), wind)
+        controls = Controls(throttle=aircraft.trim_throttle)
+        for _ in range(round(4 * DYNAMICS_HZ)):
+            state = aircraft.step(controls, (0.0, 0.0, 0.0))
+        assert state.airspeed_m_s == pytest.approx(130 * 1852 / 3600, rel=0.01)
+        flown.append(np.array(state.position_m))
+    path = flown[0] - [10.0, 20.0, -150.0]
+    assert math.atan2(path[1], path[0]) == pytest.approx(0.4, abs=1e-3)
+    assert math.degrees(math.atan2(path[2], math.hypot(*path[:2]))) == pytest.approx(3.5, abs=0.1)
+    np.testing.assert_allclose(flown[1] - flown[0], [-32.0, 12.0, 0.0], atol=0.01)
+
+
+@pytest.mark.parametrize(("model", "gamma_deg", "named"), [("A5", -3.5, "A5"), ("A4", 60.0, "60.0")])
+def test_what_cannot_be_flown_is_refused(model, gamma_deg, named):
+    with pytest.raises(ValueError, match=named):
+        Aircraft(model, np.array([0.0, 0.0, -100.0]), 0.0, math.radians(gamma_deg), np.zeros(3))
+
+
+def test_in_calm_air_it_lands_on_the_point():
+    landing = land(CALM)
+    assert landing.outcome is Outcome.WIRE
+    assert abs(landing.touchdown.beyond_aim_m) < 2.0
+    assert abs(landing.touchdown.right_m) < 0.2
+    assert (landing.misleading, landing.wave_off, landing.ok_share) == (0, None, 1.0)
+
+
+def test_the_same_seed_flies_the_same_landing():
+    one, same, other = (land(LandingConfig(start_m=600.0), seed).record() for seed in (3, 3, 4))
+    assert one == same != other
+
+
+def test_an_aircraft_that_sees_nothing_in_time_goes_around():
+    landing = land(replace(CALM, visibility_m=200.0), seen_m=250.0)
+    assert (landing.outcome, landing.wave_off, landing.called_for) == (Outcome.WAVE_OFF, WaveOff.NOT_SEEN, True)
+    clear = land(CALM, seen_m=250.0)
+    assert (clear.wave_off, clear.called_for) == (WaveOff.NOT_SEEN, False)
+
+
+def test_a_wrong_guidance_that_says_ok_is_counted():
+    landing = land(CALM, bias_m=(3.0, 0.0))
+    assert landing.misleading > 0
+    assert landing.touchdown.right_m == pytest.approx(-3.0, abs=0.3)
+
+
+@pytest.mark.parametrize(
+    ("lateral", "height", "to_go", "inside"),
+    [(0.0, 0.0, 300.0, True), (10.0, 0.0, 300.0, True), (11.0, 0.0, 300.0, False), (0.0, -5.4, 300.0, False)],
+)
+def test_the_window_narrows_towards_the_deck(lateral, height, to_go, inside):
+    assert in_window(lateral, height, to_go) is inside
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"ship": "tanker"}, "tanker"),
+        ({"sea_state": 7.0}, "7.0"),
+        ({"wind_m_s": math.nan}, "nan"),
+        ({"visibility_m": 0.0}, "visibility_m"),
+        ({"sight": "eyes"}, "eyes"),
+        ({"start_m": 100.0}, "100.0"),
+    ],
+)
+def test_impossible_settings_are_named(changes, named):
+    with pytest.raises(ValueError, match=named):
+        LandingConfig(**changes)
+
+
+def test_an_impossible_camera_is_named():
+    with pytest.raises(ValueError, match="latency_s"):
+        LandingCamera(latency_s=2.0)
