@@ -1,0 +1,1 @@
+"""Landings on a moving deck: what is flown, what the aircraft sees of it, and how it ends."""
