@@ -15,7 +15,7 @@ from deckline_sim.landing.config import LandingCamera, LandingConfig
 from deckline_sim.landing.rendered_sight import RenderedSight
 
 FIRST_SEED = 7000  # the shipped weights never saw seeds from 1000 on
-SEEN_VISIBILITIES = 1.25  # distance where a flight begins, in visibilities: hardly anything is seen beyond
+SEEN_VISIBILITIES = 1.5  # distance where a flight begins, in visibilities: hardly anything is seen beyond
 FARTHEST_M = 1500.0
 RATE_HZ = 5.0  # a frame takes about a second to render and search on a busy processor
 FLIGHTS = (  # ship, visibility, m, sea state, time of day; in turn fitted to and kept apart
