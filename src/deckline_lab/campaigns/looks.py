@@ -11,23 +11,26 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.atomic import write_atomic
 from deckline.config_file import config_from_table
-from deckline.truth import range_to_ramp_m, true_guidance
-from deckline.types import SIDES, Detection, Guidance, LinePoints, Value
+from deckline.types import SIDES, Detection, Guidance, LinePoints, Protection, Value
 from deckline_sim.config import FlightConfig, MotionConfig, SimConfig
 from deckline_sim.flight.approach import STEP_S, ApproachPath, flight_path, pose_at
 from deckline_sim.landing.config import LandingConfig
-from deckline_sim.landing.sight import Moment
-from deckline_sim.landing.surroundings import MOUNT_DOWN_DEG, Surroundings, empty_picture, measured_frame, surroundings
+from deckline_sim.landing.deviations import centre_line, deviations
+from deckline_sim.landing.sight import Moment, Sight
+from deckline_sim.landing.surroundings import MOUNT_DOWN_DEG, Surroundings, surroundings
 
 AIRSPEED_M_S = 65.0
 END_M = 12.0  # distance to the ramp where the described path ends; it goes on to `PAST_RAMP_M`
 PAST_RAMP_M = 20.0  # the last look, beyond the ramp: 3 m above the deck
 LOOK_STATE = 71  # random stream
-QUANTITIES = {  # name: fields of Guidance and of its Protection
-    "lateral": ("lateral_deviation_m", "lateral_m"),
-    "height": ("height_above_deck_m", "vertical_m"),
-    "heading": ("heading_error_rad", "heading_rad"),
-    "distance": ("distance_to_ramp_m", "distance_m"),
+QUANTITIES = {  # name: fields of Deviations, of Guidance and of Protection
+    "lateral": ("lateral_m", "lateral_deviation_m", "lateral_m"),
+    "height": ("height_m", "height_above_deck_m", "vertical_m"),
+    "heading": ("heading_rad", "heading_error_rad", "heading_rad"),
+    "distance": ("distance_m", "distance_to_ramp_m", "distance_m"),
+    "lateral rate": ("lateral_rate_m_s", "lateral_rate_m_s", None),
+    "height rate": ("height_rate_m_s", "height_rate_m_s", None),
+    "closing": ("closing_m_s", "closing_m_s", None),
 }
 
 
@@ -71,23 +74,24 @@ def moment_at(path: ApproachPath, time_s: float) -> Moment:
     )
 
 
+def fly_looks(scene: Surroundings, sight: Sight) -> list[dict[str, Any]]:
+    """The looks of a way to see along an approach; the points of those that have them are left out."""
+    return [look_record(scene, moment, sight.see(moment), None) for moment in approach_moments(scene)]
+
+
 def look_record(scene: Surroundings, moment: Moment, found: Guidance, detection: Detection | None) -> dict[str, Any]:
     """One look in plain values: status, errors against truth with 1-sigma and level, and the points of its lines."""
-    frame = measured_frame(scene, moment, empty_picture(scene.camera))
-    exact = true_guidance(frame, scene.run.approach)
-    if exact is None:
-        raise ValueError(f"{frame.file}: no truth at {moment.time_s} s")
-    levels = found.protection
+    line = centre_line(scene.layout, scene.motion, scene.run.approach.touchdown_m)
+    place = (moment.time_s, moment.world_from_body, moment.velocity_m_s)
+    exact = deviations(line, *place, scene.run.approach)
     record: dict[str, Any] = {
         "time_s": moment.time_s,
-        "range_m": range_to_ramp_m(frame),
+        "range_m": float(np.linalg.norm((line.at(moment.time_s)[0] - moment.world_from_body.translation)[:2])),
         "status": str(found.status),
         "flags": [str(flag.reason) for flag in found.flags],
         "errors": {
-            name: _error(
-                getattr(found, field), getattr(exact, field), None if levels is None else getattr(levels, level)
-            )
-            for name, (field, level) in QUANTITIES.items()
+            name: _error(getattr(exact, true), getattr(found, field), found.protection, level)
+            for name, (true, field, level) in QUANTITIES.items()
         },
     }
     if detection is not None:
@@ -96,11 +100,13 @@ def look_record(scene: Surroundings, moment: Moment, found: Guidance, detection:
     return record
 
 
-def _error(found: Value | None, exact: Value | None, level: float | None) -> list[float | None] | None:
+def _error(
+    exact: float, found: Value | None, levels: Protection | None, level: str | None
+) -> list[float | None] | None:
     """Error, 1-sigma and protection level; None: nothing was given."""
-    if found is None or exact is None:
+    if found is None:
         return None
-    return [found.value - exact.value, found.sigma, level]
+    return [found.value - exact, found.sigma, None if levels is None or level is None else getattr(levels, level)]
 
 
 def _points(points: LinePoints) -> list[list[float]]:
