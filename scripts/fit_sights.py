@@ -1,10 +1,10 @@
 """Fit the models by which landings are seen without pictures, and check each against the way it was fitted to.
 
-    python scripts/fit_sights.py render LOOKS       # fly rendered approaches, one file of looks each; resumes
-    python scripts/fit_sights.py detection LOOKS    # fit detection_model.json to half of them
-    python scripts/fit_sights.py points POINTS      # fly approaches by points, one file each; resumes
-    python scripts/fit_sights.py guidance POINTS    # fit guidance_model.json to half of them
-    python scripts/fit_sights.py check LOOKS POINTS # compare on those kept apart
+python scripts/fit_sights.py render LOOKS       # fly rendered approaches, one file of looks each; resumes
+python scripts/fit_sights.py detection LOOKS    # fit detection_model.json to half of them
+python scripts/fit_sights.py points POINTS      # fly approaches by points, one file each; resumes
+python scripts/fit_sights.py guidance POINTS    # fit guidance_model.json to half of them
+python scripts/fit_sights.py check LOOKS POINTS # compare on those kept apart
 """
 
 import argparse
@@ -164,7 +164,10 @@ def fly_again(scene: Surroundings, seed: int, sight: type[PointSight] | type[Gui
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     steps = {
-        "render": render, "detection": write_detection_model, "points": fly_points, "guidance": write_guidance_model
+        "render": render,
+        "detection": write_detection_model,
+        "points": fly_points,
+        "guidance": write_guidance_model,
     }
     parser.add_argument("step", choices=(*steps, "check"))
     parser.add_argument("folders", type=Path, nargs="+", help="LOOKS or POINTS; check takes both")

@@ -1,5 +1,6 @@
 """Whether two ways to see agree: errors and statuses of looks, by distance."""
 
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -25,16 +26,15 @@ def error_table(first: Flights, second: Flights, names: tuple[str, str], quantit
     """Quartile range and 95th percentile of errors of `ok` looks, and the two-sample Kolmogorov-Smirnov test."""
     rows = []
     for quantity in quantities:
-        for low, high in zip(BANDS_M[:-1], BANDS_M[1:], strict=True):
+        for low, high in itertools.pairwise(BANDS_M):
             both = [thinned_errors(flights, quantity, low, high) for flights in (first, second)]
             if min(map(len, both)) < LEAST:
                 continue
             test = ks_2samp(*both)
-            cells = [f"{np.percentile(np.abs(e), p):.2f}" for p in (50, 95) for e in both]
-            rows.append(
-                (quantity, f"{low:g} to {high:g} m", *(str(len(e)) for e in both), *cells)
-                + (f"{test.statistic:.2f}", f"{test.pvalue:.3f}")
-            )
+            sizes = [str(len(errors)) for errors in both]
+            shares = [f"{np.percentile(np.abs(errors), p):.2f}" for p in (50, 95) for errors in both]
+            distance = f"{low:g} to {high:g} m"
+            rows.append((quantity, distance, *sizes, *shares, f"{test.statistic:.2f}", f"{test.pvalue:.3f}"))
     columns = [f"{what}, {name}" for what in ("looks", "median, m", "95 %, m") for name in names]
     return Table(
         f"errors of ok guidance, looks {THIN_S:g} s apart", ("error", "distance", *columns, "KS distance", "p"), rows
@@ -61,7 +61,7 @@ def status_table(first: Flights, second: Flights, names: tuple[str, str]) -> Tab
     The 95 % intervals take looks as independent; those of one flight are not, and the intervals are too narrow.
     """
     rows = []
-    for low, high in zip(DEPTH_BANDS[:-1], DEPTH_BANDS[1:], strict=True):
+    for low, high in itertools.pairwise(DEPTH_BANDS):
         cells = []
         for flights in (first, second):
             statuses = [

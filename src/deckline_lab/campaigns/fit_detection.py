@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 from scipy.stats import multivariate_normal, norm
 
 from deckline.geometry import Camera
-from deckline.types import SIDES, LinePoints, Segment
+from deckline.types import SIDES, LinePoints
 from deckline_lab.campaigns.looks import approach_moments, points_of
 from deckline_sim.flight.viewpoints import ship_pose
 from deckline_sim.landing.detection_model import (
@@ -33,6 +33,7 @@ LEAST_POINTS = 4  # of a line whose slope counts
 SHARES = (0.0, 0.1, 0.2, 0.3, 0.5, 0.7)  # of a variance that a flight keeps, tried
 TIMES_S = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.0)  # time constants tried, s
 ROWS_PX = (0.1, 0.3, 0.5, 0.8, 1.2, 1.8, 2.5, 4.0)  # rows tried, px
+MOST_STEPS = 5.0  # of the nearest point from the true end
 LAGS = (1, 2, 4, 8, 16, 32)  # looks
 UNSURE = 2.5  # latent means within which a pair of looks tells of its correlation
 FALSE_DEFAULT = (0.5, 3.0)  # mean time, s, and 1-sigma, m, of false lines where the flights have none; our choice
@@ -49,10 +50,10 @@ class LineLook:
     depth: float
     points: float
     """As many as its rows would have untrimmed."""
-    near: float
-    """Share of the rows without points at the near end."""
+    near_steps: float
+    """From the true near end to the nearest point, in rows between neighbouring points."""
     far: float
-    """The same at the far end."""
+    """Share of the rows without points at the far end."""
     log_sigma: float
     """Of the median, px."""
     log_sigma_rows: float
@@ -132,11 +133,12 @@ def compare_points(
     offset, slope = np.linalg.lstsq(basis / sigma[:, None], error / sigma, rcond=None)[0]
     rest = (error - basis @ [offset, slope]) / sigma
     power = float(rest @ rest)
-    near, far = max(float(share[0]), 0.0), max(1.0 - float(share[-1]), 0.0)
+    near, far = float(share[0]), max(1.0 - float(share[-1]), 0.0)
+    step_px = float(abs(v[0] - v[-1])) / (len(v) - 1)
     return LineLook(
         *place,
         points=len(u) / max(1.0 - near - far, 0.1),
-        near=near,
+        near_steps=near * float(abs(ends[1, 1] - ends[0, 1])) / max(step_px, 1e-9),
         far=far,
         log_sigma=float(np.log(middle)),
         log_sigma_rows=float(np.linalg.lstsq(basis, np.log(sigma), rcond=None)[0][1]),
@@ -144,7 +146,7 @@ def compare_points(
         slope=float(slope) / middle,
         white=float(np.sqrt(power / len(rest))),
         correlation=float(rest[1:] @ rest[:-1]) / max(power, 1e-12),
-        step_px=float(abs(v[0] - v[-1])) / (len(v) - 1),
+        step_px=step_px,
         off_m=float(np.median(error / (camera.fx * np.maximum(inverse_m, 1e-6)))),
     )
 
@@ -166,7 +168,8 @@ def fit_presence(flights: Sequence[FlightLooks]) -> Presence:
     found = np.concatenate([flight.found for flight in flights])
 
     def presence(values: Array, share: float = 0.0, seconds: float = 1.0) -> Presence:
-        return Presence(*map(float, values[:4]), float(np.exp(values[4])), share, seconds)
+        intercept, per_visibility, per_size, dusk, log_band = map(float, values)
+        return Presence(intercept, per_visibility, per_size, dusk, float(np.exp(log_band)), share, seconds)
 
     def means(values: Array) -> list[Array]:
         return [np.asarray(latent_mean(presence(values), *shape)) for shape in shapes]
@@ -175,7 +178,7 @@ def fit_presence(flights: Sequence[FlightLooks]) -> Presence:
         mean, band = np.concatenate(means(values)), float(np.exp(values[4]))
         both, some = norm.cdf(mean), norm.cdf(mean + band)
         likely = np.choose(found, [1.0 - some, some - both, both])
-        return float(-np.log(np.maximum(likely, 1e-6)).sum() + 0.01 * np.sum(np.square(values[1:4])))
+        return float(-np.log(np.maximum(likely, 1e-6)).sum() + 0.01 * np.sum(np.square(values[1:])))
 
     best = minimize(loss, np.array([8.0, -6.0, 0.0, 0.0, -1.0]), method="Nelder-Mead", options={"maxiter": 4000}).x
     both = [flight.found == 2 for flight in flights]
@@ -197,9 +200,7 @@ def pair_likelihood(
                 rho = share + (1.0 - share) * float(np.exp(-(at[i + lag] - at[i]) / time_s))
                 signs = np.where([seen[i], seen[i + lag]], 1.0, -1.0)
                 covariance = [[1.0, signs.prod() * rho], [signs.prod() * rho, 1.0]]
-                total += float(
-                    np.log(max(multivariate_normal.cdf(signs * mean[[i, i + lag]], cov=covariance), 1e-6))
-                )
+                total += float(np.log(max(multivariate_normal.cdf(signs * mean[[i, i + lag]], cov=covariance), 1e-6)))
     return total
 
 
@@ -249,8 +250,14 @@ def fit_memory(lines: Sequence[LineLook], offset: Sequence[float], slope: Sequen
 
 def fit_extent(lines: Sequence[LineLook]) -> Extent:
     """Mean numbers and shares over the distance in visibilities."""
-    parts: tuple[Callable[[LineLook], float], ...] = (lambda x: x.points, lambda x: x.near, lambda x: x.far)
-    return Extent(*(mean_table(lines, DEPTHS, lambda line: line.depth, part) for part in parts))
+
+    def table(part: Callable[[LineLook], float]) -> tuple[float, ...]:
+        return mean_table(lines, DEPTHS, lambda line: line.depth, part)
+
+    near = np.clip([line.near_steps for line in lines], -MOST_STEPS, MOST_STEPS)
+    return Extent(
+        table(lambda line: line.points), float(np.mean(near)), float(np.std(near)), table(lambda line: line.far)
+    )
 
 
 def fit_false_lines(lines: Sequence[LineLook], rate_hz: float) -> FalseLines:
@@ -281,7 +288,8 @@ def mean_table(
     weights = np.array([hat(at(line), knots) for line in lines])
     values = np.array([of(line) for line in lines])
     known = weights.sum(axis=0)
-    return tuple(float(weights[:, k] @ values / known[k]) if known[k] > 1.0 else float(values.mean()) for k in range(len(knots)))
+    means = np.where(known > 1.0, weights.T @ values / np.maximum(known, 1e-9), values.mean())
+    return tuple(means.tolist())
 
 
 def rms_table(lines: Sequence[LineLook], name: str) -> tuple[float, ...]:

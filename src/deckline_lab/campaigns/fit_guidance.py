@@ -69,7 +69,8 @@ def gather(flights: Sequence[tuple[Surroundings, Sequence[Mapping[str, Any]]]]) 
             depth = look["range_m"] / config.visibility_m
             rows.append((number, look["time_s"], look["range_m"], depth, condition, status, error, sigma, level))
     columns = [np.array(column) for column in zip(*rows, strict=True)]
-    return Looks(*columns[:8], columns[8][:, : len(LEVELS)])
+    flight, time_s, range_m, depth, conditions, statuses, errors, sigmas, levels = columns
+    return Looks(flight, time_s, range_m, depth, conditions, statuses, errors, sigmas, levels[:, : len(LEVELS)])
 
 
 def fit_guidance(looks: Looks, rate_hz: float) -> GuidanceModel:
@@ -172,12 +173,12 @@ def fit_level_spread(looks: Looks, levels: Array) -> float:
 
 
 def fit_transitions(looks: Looks) -> Array:
-    """(2, depths, statuses, statuses) cumulative probabilities of the next status."""
+    """(2, depths, statuses, statuses) cumulative probabilities of the next status; a flight begins as not seen."""
     size, band = len(STATUSES), np.clip(np.searchsorted(DEPTHS, looks.depth, "right") - 1, 0, None)
     counts = np.zeros((2, len(DEPTHS), size, size))
-    same = looks.flight[1:] == looks.flight[:-1]
-    lights = looks.condition[1:, 2][same]
-    np.add.at(counts, (lights, band[1:][same], looks.status[:-1][same], looks.status[1:][same]), 1.0)
+    is_first = np.diff(looks.flight, prepend=-1) != 0
+    before = np.where(is_first, STATUSES.index(Status.NOT_SEEN), np.roll(looks.status, 1))
+    np.add.at(counts, (looks.condition[:, 2], band, before, looks.status), 1.0)
     pooled = counts.sum(axis=(0, 1)) + 1e-6 * np.eye(size)
     prior = pooled / pooled.sum(axis=1, keepdims=True)
     by_depth = counts.sum(axis=0, keepdims=True) + PRIOR_LOOKS * prior

@@ -44,11 +44,11 @@ def approach_moments(scene: Surroundings) -> list[Moment]:
 def approach_path(scene: Surroundings) -> ApproachPath:
     """A final approach to the landing's ship in the landing's wind."""
     config, rng = scene.config, np.random.default_rng([scene.seed, LOOK_STATE])
-    wind = config.wind_m_s * np.array([np.cos(np.deg2rad(config.wind_from_deg)), np.sin(np.deg2rad(config.wind_from_deg))])
+    wind_from = np.deg2rad(config.wind_from_deg)
     flight = FlightConfig(
         speed_m_s=AIRSPEED_M_S,
-        headwind_m_s=float(wind[0]),
-        crosswind_m_s=float(wind[1]),
+        headwind_m_s=float(config.wind_m_s * np.cos(wind_from)),
+        crosswind_m_s=float(config.wind_m_s * np.sin(wind_from)),
         lateral_offset_m=float(rng.normal(0.0, 10.0)),
         vertical_offset_m=float(rng.normal(0.0, 3.0)),
         turbulence_m_s=float(config.turbulence * rng.uniform(0.3, 1.5)),

@@ -16,6 +16,7 @@ from deckline.config_file import config_from_table
 MODEL_FILE = Path(__file__).with_name("detection_model.json")
 RANGE_M = (20.0, 100.0, 250.0, 500.0, 900.0, 1300.0)  # knots of tables over the distance to the ramp
 DEPTHS = (0.5, 0.8, 1.0, 1.2)  # knots of tables over that distance in visibilities
+BY_RANGE = ("log_sigma", "log_sigma_rows", "offset", "slope", "white")  # tables of errors over `RANGE_M`
 SIZE_PX = 20.0  # apparent width of the runway at the ramp where the size has no effect
 
 
@@ -71,10 +72,12 @@ class Extent:
 
     points: tuple[float, ...]
     """Points of a line."""
-    near: tuple[float, ...]
-    """Mean share of the line's rows that is missing at its near end."""
+    near_steps: float
+    """Mean distance of the nearest point from the line's near end, in rows between neighbouring points."""
+    near_steps_spread: float
+    """Its 1-sigma, in the same unit."""
     far: tuple[float, ...]
-    """The same at its far end."""
+    """Mean share of the line's rows that is missing at its far end."""
 
 
 @dataclass(frozen=True)
@@ -106,9 +109,12 @@ class DetectionModel:
 
     def __post_init__(self) -> None:
         for part, name, count in (
-            *((self.errors, name, len(RANGE_M)) for name in ("log_sigma", "log_sigma_rows", "offset", "slope", "white")),
+            *(
+                (self.errors, name, len(RANGE_M))
+                for name in ("log_sigma", "log_sigma_rows", "offset", "slope", "white")
+            ),
             (self.errors, "log_sigma_depth", len(DEPTHS)),
-            *((self.extent, name, len(DEPTHS)) for name in ("points", "near", "far")),
+            *((self.extent, name, len(DEPTHS)) for name in ("points", "far")),
         ):
             if len(getattr(part, name)) != count:
                 raise ValueError(f"{name} must have {count} values, got {len(getattr(part, name))}")

@@ -28,7 +28,6 @@ from deckline_sim.flight.viewpoints import PERIODS_S, ShipMotion, middle_m, stea
 from deckline_sim.ship.layout import Layout
 
 Array = NDArray[np.float64]
-STEP_S = 0.01  # over which the deck's vertical speed is taken
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,12 +47,25 @@ class CentreLine:
     phases_rad: tuple[float, float, float]
     """Of roll, pitch and heave at time 0."""
 
-    def at(self, time_s: float) -> Array:
-        """Ramp and touchdown point (2, 3) in the world at a time, m."""
+    def swing(self, time_s: float, ahead_rad: float = 0.0) -> tuple[float, float, float]:
+        """Roll, rad, pitch, rad, and heave, m, at a time; `ahead_rad`: of every sine's phase."""
         roll, pitch, heave = (
-            size * sin(2 * pi * time_s / period + phase)
+            size * sin(2 * pi * time_s / period + phase + ahead_rad)
             for size, period, phase in zip(self.amplitudes, PERIODS_S, self.phases_rad, strict=True)
         )
+        return roll, pitch, heave
+
+    def rise_m_s(self, time_s: float) -> float:
+        """Upward speed of the touchdown point, m/s, of a ship that is level at rest; first order in the angles."""
+        roll_rate, pitch_rate, heave_rate = (
+            2 * pi * value / period for value, period in zip(self.swing(time_s, pi / 2), PERIODS_S, strict=True)
+        )
+        x, y = float(self.points_m[1, 0]), float(self.points_m[1, 1])
+        return heave_rate + pitch_rate * x - roll_rate * y
+
+    def at(self, time_s: float) -> Array:
+        """Ramp and touchdown point (2, 3) in the world at a time, m."""
+        roll, pitch, heave = self.swing(time_s)
         sr, cr, sp, cp = sin(roll), cos(roll), sin(pitch), cos(pitch)
         swing = np.array([[cp, sp * sr, sp * cr], [0.0, cr, -sr], [-sp, cp * sr, cp * cr]])
         place = self.middle_m + time_s * self.velocity_m_s
@@ -119,7 +131,6 @@ def deviations(
         approach: the aircraft's reference point.
     """
     ramp, touchdown = line.at(time_s)
-    later = line.at(time_s + STEP_S)
     x, y = touchdown[0] - ramp[0], touchdown[1] - ramp[1]
     length = hypot(x, y)
     x, y = x / length, y / length
@@ -128,14 +139,13 @@ def deviations(
     place = matrix[:3, 3] + matrix[:3, :3] @ np.array(approach.point_m)
     off, moving = place - touchdown, velocity_m_s - line.velocity_m_s
     turn = atan2(nose[1], nose[0]) - atan2(y, x)
-    deck_rate = float(later[1, 2] - touchdown[2]) / STEP_S
     return Deviations(
         float(-y * off[0] + x * off[1]),
         float(-off[2]),
         (turn + pi) % (2 * pi) - pi,
         float(x * (ramp[0] - place[0]) + y * (ramp[1] - place[1])),
         float(-y * moving[0] + x * moving[1]),
-        float(deck_rate - velocity_m_s[2]),
+        float(-velocity_m_s[2]) - line.rise_m_s(time_s),
         float(x * moving[0] + y * moving[1]),
     )
 

@@ -6,7 +6,7 @@ visibilities.
 """
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -75,8 +75,11 @@ def read_guidance_model(path: Path = MODEL_FILE) -> GuidanceModel:
         ValueError: tables of another shape, or a key that is missing.
     """
     data: dict[str, Any] = json.loads(path.read_text())
-    missing = [name for name in GuidanceModel.__dataclass_fields__ if name not in data]
+    missing = [field.name for field in fields(GuidanceModel) if field.name not in data]
     if missing:
         raise ValueError(f"{path}: {missing[0]} is missing")
-    values = {name: data[name] for name in GuidanceModel.__dataclass_fields__}
-    return GuidanceModel(**{n: np.array(v) if isinstance(v, list) else float(v) for n, v in values.items()})
+    values: dict[str, Any] = {}
+    for field in fields(GuidanceModel):
+        given = data[field.name]
+        values[field.name] = np.array(given, dtype=np.float64) if isinstance(given, list) else float(given)
+    return GuidanceModel(**values)

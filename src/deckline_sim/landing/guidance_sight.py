@@ -65,7 +65,9 @@ class GuidanceSight:
             return Guidance(moment.time_s, status, DepthMode.NONE)
         errors, sigmas, levels = self._draw(true.distance_m, OK if status is Status.OK else NOT_OK)
         found = Deviations(*(value + error for value, error in zip(vars(true).values(), errors, strict=True)))
-        protection = Protection(*levels, risk=self.surroundings.run.integrity.risk)
+        lateral_m, height_m, heading_rad, distance_m = levels
+        risk = self.surroundings.run.integrity.risk
+        protection = Protection(lateral_m, height_m, heading_rad, distance_m, risk)
         return stated_guidance(moment.time_s, found, Accuracy(*sigmas), status, protection, approach)
 
     def _advance(self, time_s: float, depth: float) -> None:

@@ -12,7 +12,7 @@ from deckline_sim.landing.detection_model import DEPTHS, RANGE_M, SIZE_PX, Detec
 Array = NDArray[np.float64]
 MIN_AHEAD_M = 1.0  # of the camera: what is nearer is cut
 MIN_ROWS_PX = 1.0  # of a line in the image; shorter ones are not found
-MOST_TRIMMED = 0.45  # share of a line's rows, at either end
+MOST_TRIMMED = 0.8  # share of a line's rows, at its far end
 CONFIDENCE = 0.9  # of every modelled point
 
 
@@ -111,17 +111,17 @@ class ModelledDetector:
         u = u + middle_px * (common + tilt * along) + sigma * white * np.interp(range_m, RANGE_M, errors.white)
         if state.false_s > 0.0:
             u = u + state.false_m * camera.fx * inverse_m
-        is_inside = (u >= 0.0) & (u <= camera.width - 1)
+        is_inside = (u >= 0.0) & (u <= camera.width - 1) & (v >= 0.0) & (v <= camera.height - 1)
         points = np.column_stack([u, v])[is_inside]
         return LinePoints(points, np.full(len(points), CONFIDENCE), sigma[is_inside])
 
     def _draw_shares(self, depth: float) -> Array:
         """Where a line has points, as shares of the way from its near to its far end."""
         extent = self.model.extent
-        means = [float(np.interp(depth, DEPTHS, table)) for table in (extent.near, extent.far)]
-        near, far = np.minimum(self.rng.exponential(means), MOST_TRIMMED)
-        count = float(np.interp(depth, DEPTHS, extent.points)) * (1.0 - near - far)
-        return np.linspace(near, 1.0 - far, max(round(count), 2))
+        whole = float(np.interp(depth, DEPTHS, extent.points))
+        far = min(float(self.rng.exponential(np.interp(depth, DEPTHS, extent.far))), MOST_TRIMMED)
+        near = (extent.near_steps + extent.near_steps_spread * float(self.rng.standard_normal())) / whole
+        return np.linspace(near, 1.0 - far, max(round(whole * (1.0 - near - far)), 2))
 
 
 def latent_mean(presence: Presence, depth: float | Array, width_px: float | Array, is_dark: bool) -> float | Array:

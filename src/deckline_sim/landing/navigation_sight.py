@@ -52,10 +52,16 @@ class NavigationSight:
         sensors, motion = self.surroundings.run.sensors, self.surroundings.run.deck.motion
         across_m = sqrt(2.0) * sensors.position_m
         height_m = float(np.hypot(np.hypot(sensors.position_m, sensors.deck_z_m), motion.heave_m))
-        return Accuracy(across_m, height_m, sensors.attitude_rad, across_m, *(RATE_SIGMA_M_S,) * 3)
+        rate = RATE_SIGMA_M_S
+        return Accuracy(across_m, height_m, sensors.attitude_rad, across_m, rate, rate, rate)
 
     def _protection(self, accuracy: Accuracy) -> Protection:
         risk = self.surroundings.run.integrity.risk
         factor = float(norm.isf(risk / 2))
-        levels = (accuracy.lateral_m, accuracy.height_m, accuracy.heading_rad, accuracy.distance_m)
-        return Protection(*(factor * level for level in levels), risk=risk)
+        return Protection(
+            factor * accuracy.lateral_m,
+            factor * accuracy.height_m,
+            factor * accuracy.heading_rad,
+            factor * accuracy.distance_m,
+            risk,
+        )

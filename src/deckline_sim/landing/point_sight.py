@@ -4,6 +4,7 @@ from dataclasses import replace
 from typing import Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deckline.config import Tracking
 from deckline.dehaze.base import IdentityDehazer
@@ -22,9 +23,13 @@ DETECTIONS, RANSAC = 64, 65  # random streams
 NO_PICTURE = Tracking(horizon_s=0.0, paint_s=0.0)  # monitors find nothing in a black picture
 
 
-def refuse_picture(_image_rgb: object, _box: Box | None = None) -> Detection:
+class NoDetector:
     """The detector of a flight whose points are all drawn."""
-    raise AssertionError("unreachable: every detection is given")
+
+    name = "drawn"
+
+    def __call__(self, image_rgb: NDArray[np.uint8], prior_box: Box | None = None) -> Detection:
+        raise AssertionError("unreachable: every detection is given")
 
 
 class PointSight:
@@ -39,7 +44,7 @@ class PointSight:
     def __init__(self, config: LandingConfig, seed: int, model: DetectionModel | None = None) -> None:
         self.surroundings = surroundings(config, seed)
         run = replace(self.surroundings.run, tracking=NO_PICTURE)
-        self.flight = Flight(run, IdentityDehazer(), refuse_picture)
+        self.flight = Flight(run, IdentityDehazer(), NoDetector())
         is_dark = config.time_of_day != "day"
         rng = np.random.default_rng([seed, DETECTIONS])
         self.detector = ModelledDetector(model or read_detection_model(), is_dark, config.visibility_m, rng)

@@ -30,8 +30,8 @@ class RenderedSight:
 
     def __init__(self, config: LandingConfig, seed: int, flight: Flight | None = None) -> None:
         self.surroundings = surroundings(config, seed)
-        models = {} if flight is None else {"dehazer": flight.dehazer, "detector": flight.detector}
-        self.flight = Flight.from_config(self.surroundings.run, **models)
+        dehazer, detector = (None, None) if flight is None else (flight.dehazer, flight.detector)
+        self.flight = Flight.from_config(self.surroundings.run, dehazer=dehazer, detector=detector)
         self.simulator = ShipSimulator(sim_config(self.surroundings))
         self.simulator.load(0)
         self.simulator.motion = self.surroundings.motion

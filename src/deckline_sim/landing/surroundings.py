@@ -93,7 +93,7 @@ def navigation_unit(sensors: Sensors) -> NavigationConfig:
 
 
 def datalink_prior(scene: Surroundings, flight: Flight, frame: Frame) -> RunwayPrior | None:
-    """Where the ship's datalink has the runway at a frame's time; None while a track knows better, or without a pose."""
+    """Where the ship's datalink has the runway at a frame's time; None with a track, or without a pose."""
     if frame.world_from_body is None or flight.forecast() is not None:
         return None
     layout = scene.layout.at_pose(steady_pose(scene.layout, scene.motion, frame.time_s))
