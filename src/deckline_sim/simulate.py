@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from deckline.types import Frame, Segment, Truth
+from deckline.types import Frame, Truth
 from deckline_sim.camera.foreground import add_foreground
 from deckline_sim.camera.imaging import Imaging, Shot, Surroundings, triple
 from deckline_sim.camera.lens import pinhole_for, random_lens
@@ -29,17 +29,19 @@ from deckline_sim.scene.render import Renderer
 from deckline_sim.scene.view import BEST, RenderQuality, RenderScene, random_quality
 from deckline_sim.scene.weather import Weather, random_time_of_day, random_weather, sun_direction
 from deckline_sim.ship.background import BackgroundKind, background_mesh
-from deckline_sim.ship.layout import Layout, random_layout, world_points
+from deckline_sim.ship.layout import Layout, random_layout
 from deckline_sim.ship.mesh import join
 from deckline_sim.ship.ship import NO_RUNWAY, Ship, build_ship
+from deckline_sim.ship.truth import truth_segments
 
 if TYPE_CHECKING:
     from deckline_sim.airfield.simulator import AirfieldSimulator
 
 OPEN_SEA = 0.4  # part of the views without a runway that show no ship either
 VEHICLE, CAMERA = "deckline", "front"
-# Random streams: of a ship, of a frame, of a whole flight, of sun and weather with a seed, of views without a runway.
-SHIP, FRAME, FLIGHT, SUN, WEATHER, DECKLESS = 2, 3, 4, 5, 6, 7
+# Random streams: of a ship, of a frame, of a whole flight, of sun and weather with a seed, of views without a runway,
+# of a picture of a flown path.
+SHIP, FRAME, FLIGHT, SUN, WEATHER, DECKLESS, FLOWN = 2, 3, 4, 5, 6, 7, 8
 OPEN, SHIPS, COAST, PAST, BARE = "open", "ships", "coast", "past", "bare"
 CYCLE = (OPEN, SHIPS, COAST, PAST, BARE)  # one view without a runway of each in turn
 RANGE_M = {SHIPS: (120.0, 2000.0), COAST: (300.0, 4000.0)}  # of the camera from its target
@@ -89,30 +91,50 @@ class ShipSimulator:
         block = ship_block(self.config, index)
         if block != self.loaded:
             self.load(block)
-        config, ship = self.config, self.ship
-        train, unrelated = config.preset == "train", config.trajectory == "random"
+        config, layout = self.config, self.ship.layout
+        unrelated = config.trajectory == "random"
         own = np.random.default_rng([config.seed, FRAME, index])
-        shared = own if unrelated else np.random.default_rng([config.seed, FLIGHT])  # one a flight
-        for_weather, for_lens, for_air, for_picture, for_quality = shared.spawn(5)
+        shared = (own if unrelated else np.random.default_rng([config.seed, FLIGHT])).spawn(5)  # one a flight
+        for_view, for_noise, for_sea = own.spawn(3)
+        if unrelated:
+            view = random_view(config, layout, index, for_view, self.motion)
+        else:
+            view = approach_view(config, layout, index, self.motion)
+        name = f"img_{VEHICLE}_{CAMERA}_0_{round(view.time_s * 1e9) + index}.png"
+        with_ship = self.ship.runway or bool(for_sea.random() >= OPEN_SEA)
+        return add_foreground(self._take(view, shared, for_noise, with_ship, name), config, index)
+
+    def flown_frame(self, view: Viewpoint, name: str) -> Frame:
+        """The picture of a view of one flight, whatever path it flies, with the weather and air of `frame`.
+
+        Args:
+            view: pose, camera, time and motion.
+            name: of the frame's file.
+        """
+        if self.loaded != 0:
+            self.load(0)
+        shared = np.random.default_rng([self.config.seed, FLIGHT]).spawn(5)
+        for_noise = np.random.default_rng([self.config.seed, FLOWN, round(view.time_s * 1e6)])
+        return self._take(view, shared, for_noise, True, name)
+
+    def _take(
+        self, view: Viewpoint, shared: list[np.random.Generator], noise: np.random.Generator, with_ship: bool, name: str
+    ) -> Frame:
+        """The picture of a view; `shared`: draws what a flight's frames share, `noise`: what each has of its own."""
+        config, train = self.config, self.config.preset == "train"
+        for_weather, for_lens, for_air, for_picture, for_quality = shared
         if config.weather.seed is not None:
             for_weather = np.random.default_rng([config.weather.seed, WEATHER])
-        for_view, for_noise, for_sea = own.spawn(3)
         weather = random_weather(for_weather, not train, self.weather, sun=self.renderer.sun)
-        if unrelated:
-            view = random_view(config, ship.layout, index, for_view, self.motion)
-        else:
-            view = approach_view(config, ship.layout, index, self.motion)
         camera = random_lens(config.lens, view.camera, for_lens, wide=train)
         scenery = Scenery(
             weather,
             draw_visibility(config.visibility_m, for_air),
             config.imaging,
             quality=random_quality(for_quality) if train else BEST,
-            with_ship=ship.runway or bool(for_sea.random() >= OPEN_SEA),
+            with_ship=with_ship,
         )
-        name = f"img_{VEHICLE}_{CAMERA}_0_{round(view.time_s * 1e9) + index}.png"
-        frame = self.picture(replace(view, camera=camera), scenery, for_picture, for_noise, name)
-        return add_foreground(frame, config, index)
+        return self.picture(replace(view, camera=camera), scenery, for_picture, noise, name)
 
     def load(self, block: int) -> None:
         """Build the ship of a block of frames, its motion and its sun, and load it into the renderer."""
@@ -295,9 +317,3 @@ def ship_block(config: SimConfig, index: int) -> int:
     if config.trajectory == "deckless":
         return index
     return index // config.frames_per_ship if config.trajectory == "random" else 0
-
-
-def truth_segments(layout: Layout) -> tuple[Segment, Segment]:
-    """Middle of the left and of the right edge marking in the world, ramp end first."""
-    left, right = world_points(layout, layout.left_m), world_points(layout, layout.right_m)
-    return Segment(left[0], left[1]), Segment(right[0], right[1])

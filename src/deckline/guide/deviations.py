@@ -96,7 +96,7 @@ def guidance(frame: Frame, estimate: RunwayEstimate, track: Track | None, approa
             closing_m_s=track.closing_m_s,
             protection=track.protection,
         )
-    return _in_widths(found) if frame.in_widths else _add_approach(found, approach)
+    return _in_widths(found) if frame.in_widths else add_approach(found, approach)
 
 
 def _in_widths(found: Guidance) -> Guidance:
@@ -175,8 +175,8 @@ def _select_source(estimate: RunwayEstimate, track: Track | None) -> RunwayEstim
     )
 
 
-def _add_approach(found: Guidance, approach: Approach) -> Guidance:
-    """The same with the deviations from the path to the aim point."""
+def add_approach(found: Guidance, approach: Approach) -> Guidance:
+    """Guidance with the deviations from the path to the aim point; the same where a length is not known."""
     lateral, height, ramp = found.lateral_deviation_m, found.height_above_deck_m, found.distance_to_ramp_m
     if lateral is None or height is None or ramp is None:
         return found

@@ -27,13 +27,14 @@ from deckline.localize import Localizer, localize
 from deckline.options import RunOptions
 from deckline.types import Detection, Frame, LinePoints, Segment, Truth
 from deckline_lab.rivals.classical import ClassicalDetector
+from deckline_sim.camera.measure import miscalibrate
 
 if TYPE_CHECKING:
     from deckline_sim import SimConfig
 
 DEPTH_RANGE_M = 200.0  # of the depth camera; the simulator's default
 DEPTH_PATCH_PX = 2.0  # neighbouring depths err together, as those of a matching window do; our choice
-CALIBRATION, DEPTH = 21, 22  # random streams
+DEPTH = 22  # random stream
 PATCH_PX = 2  # depth is filled in so far around every point; localization samples 1 px around it
 SAMPLES = 2000  # along a line, to find what of it is in the image
 BORDER_PX = 1.0
@@ -122,16 +123,6 @@ def fly(config: FlightsConfig, approach: int) -> Iterator[Frame]:
             yield miscalibrate(noisy, config.run.sensors, rendered.seed)
 
 
-def miscalibrate(frame: Frame, sensors: Sensors, seed: int) -> Frame:
-    """A frame with the errors that a whole approach has in common: reported deck height, focal length, depth scale."""
-    deck, focal, scale = np.random.default_rng([seed, CALIBRATION]).standard_normal(3)
-    zoom = 1.0 + sensors.focal_fraction * float(focal)
-    camera = replace(frame.camera, fx=zoom * frame.camera.fx, fy=zoom * frame.camera.fy)
-    depth = None if frame.depth_m is None else frame.depth_m * np.float32(1.0 + sensors.depth_scale * scale)
-    deck_z = None if frame.deck_z_m is None else frame.deck_z_m + sensors.deck_z_m * float(deck)
-    return replace(frame, camera=camera, depth_m=depth, deck_z_m=deck_z)
-
-
 def add_depth_noise(frame: Frame, sensors: Sensors, seed: int, index: int) -> Frame:
     """A frame whose depth camera errs by its stated noise, in patches."""
     if frame.depth_m is None or not np.isfinite(frame.depth_m).any():
@@ -216,7 +207,7 @@ def fly_points(config: "SimConfig", sensors: Sensors, noise: PointNoise) -> Iter
         from deckline_sim.flight.viewpoints import draw_motion, ship_pose
         from deckline_sim.ship.layout import class_layout
         from deckline_sim.ship.ship_class import load_class
-        from deckline_sim.simulate import truth_segments
+        from deckline_sim.ship.truth import truth_segments
     layout = class_layout(load_class(config.preset))
     motion = draw_motion(config.motion, False, np.random.default_rng([config.seed, MOTION]))
     visibility_m = draw_visibility(config.visibility_m, np.random.default_rng([config.seed, AIR]))

@@ -1,15 +1,19 @@
-"""What sensors beside the camera measure: a depth camera of the true depth, a navigation unit of the true pose."""
+"""What sensors measure: a depth camera of the true depth, a navigation unit of the true pose; what calibration errs."""
+
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from deckline.config import Sensors
+from deckline.types import Frame
 from deckline_sim.config import DepthConfig, NavigationConfig
 
 HALF_FAR_M = 65504.0  # largest half-precision number, AirSim's "nothing seen"
 EDGE_RATIO = 1.05  # of neighbouring depths, from which there is an edge between them
 STEP_SHARE = 0.1  # of the time constant between two drawn values of a bias; linear between them
-POSITION, ATTITUDE, WHITE = 11, 12, 13  # random streams
+POSITION, ATTITUDE, WHITE, CALIBRATION = 11, 12, 13, 21  # random streams
 
 
 def measure_depth(depth_m: NDArray[np.float32], config: DepthConfig, rng: np.random.Generator) -> NDArray[np.float32]:
@@ -83,3 +87,13 @@ def drift(time_s: float, constant_s: float, seed: list[int]) -> NDArray[np.float
     share = time_s / step_s - (last - 1)
     mixed = (1 - share) * before + share * values
     return np.asarray(mixed / np.sqrt(1 - 2 * share * (1 - share) * (1 - decay)))  # restores the variance
+
+
+def miscalibrate(frame: Frame, sensors: Sensors, seed: int) -> Frame:
+    """A frame with the errors that a whole approach has in common: reported deck height, focal length, depth scale."""
+    deck, focal, scale = np.random.default_rng([seed, CALIBRATION]).standard_normal(3)
+    zoom = 1.0 + sensors.focal_fraction * float(focal)
+    camera = replace(frame.camera, fx=zoom * frame.camera.fx, fy=zoom * frame.camera.fy)
+    depth = None if frame.depth_m is None else frame.depth_m * np.float32(1.0 + sensors.depth_scale * scale)
+    deck_z = None if frame.deck_z_m is None else frame.deck_z_m + sensors.deck_z_m * float(deck)
+    return replace(frame, camera=camera, depth_m=depth, deck_z_m=deck_z)

@@ -1,26 +1,16 @@
 """What one landing is flown in. A value out of its range is a ValueError that names the setting and the value."""
 
 from dataclasses import dataclass, field
-from typing import Literal, get_args
+from typing import Literal
 
-from deckline.checks import check_numbers
-from deckline_sim.config import LARGEST_PX, NavigationConfig, Preset, TimeOfDay
+from deckline.checks import check_choice, check_numbers
+from deckline_sim.config import LARGEST_PX, Preset, TimeOfDay
 from deckline_sim.ship.ship_class import SHIP_CLASSES
 
 NavigationGrade = Literal["exact", "good", "tactical"]
 GuidanceSource = Literal["both", "navigation", "picture"]
 SightKind = Literal["rendered", "points", "guidance"]
 LONGEST_LATENCY_S = 1.0
-
-NAVIGATION: dict[NavigationGrade, NavigationConfig] = {  # grades as `NavigationConfig` describes them
-    "exact": NavigationConfig(),
-    "good": NavigationConfig(
-        position_sigma_m=0.02, attitude_sigma_deg=0.005, position_bias_m=0.1, attitude_bias_deg=0.02
-    ),
-    "tactical": NavigationConfig(
-        position_sigma_m=0.1, attitude_sigma_deg=0.02, position_bias_m=1.5, attitude_bias_deg=0.1
-    ),
-}
 
 
 @dataclass(frozen=True)
@@ -91,8 +81,7 @@ class LandingConfig:
             ("guidance", GuidanceSource),
             ("sight", SightKind),
         ):
-            if getattr(self, name) not in get_args(kind):
-                raise ValueError(f"{name} must be one of {get_args(kind)}, got {getattr(self, name)!r}")
+            check_choice(name, getattr(self, name), kind)
         if self.ship not in SHIP_CLASSES or self.ship == "runway":
             ships = tuple(name for name in SHIP_CLASSES if name != "runway")
             raise ValueError(f"ship must be one of {ships}, got {self.ship!r}")

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deckline_sim.flight.viewpoints import ShipMotion, middle_m, steady_pose, steady_velocity, swing
+from deckline_sim.flight.viewpoints import ShipMotion, middle_m, ship_pose, steady_velocity, swing
 from deckline_sim.ship.layout import Layout
 from deckline_sim.ship.paint_shapes import axes
 
@@ -24,20 +24,6 @@ def rotation_matrix(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Float6
             [-sp, cp * sr, cp * cr],
         ]
     )
-
-
-@dataclass(frozen=True, eq=False)
-class DeckPosition:
-    """Where a point of the aircraft is relative to the runway, in its true place at that time."""
-
-    to_touchdown_m: float
-    """Along the centre line, horizontal, m; positive: the touchdown point is ahead."""
-    lateral_m: float
-    """To the right of the centre line, horizontal, m."""
-    height_m: float
-    """Above the touchdown point, m."""
-    heading_rad: float
-    """Direction of landing, world, rad."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,35 +70,42 @@ class Deck:
         velocity = steady_velocity(self.layout, self.motion)
         return pose.rotation.as_matrix(), np.array(pose.translation), velocity, middle_m(self.layout)
 
-    def pose(self, time_s: float) -> tuple[Float64, Float64]:
-        """Turn (3, 3) and place (3,) of the ship with roll, pitch and heave: world = turn @ ship + place.
+    def pose(self, time_s: float, steady: bool = False) -> tuple[Float64, Float64]:
+        """Turn (3, 3) and place (3,) of the ship: world = turn @ ship + place.
 
         The same as `ship_pose`, a hundred times as fast: a landing asks for it some thousand times.
+
+        Args:
+            time_s: s.
+            steady: without roll, pitch and heave.
         """
         turn, place, velocity, middle = self._at_rest
+        place = place + velocity * time_s
+        if steady:
+            return turn, place
         (roll, pitch, heave), _ = swing(self.layout, self.motion, time_s)
         swung = rotation_matrix(float(roll), float(pitch), 0.0)
-        moved = place + velocity * time_s + turn @ (middle - swung @ middle) - [0.0, 0.0, float(heave)]
-        return turn @ swung, moved
+        return turn @ swung, place + turn @ (middle - swung @ middle) - [0.0, 0.0, float(heave)]
 
-    def ramp_at_rest(self, time_s: float) -> Float64:
-        """Beginning of the centre line (3,), world, m, without roll, pitch and heave."""
-        return np.asarray(steady_pose(self.layout, self.motion, time_s).apply([*self.layout.centre_m[0], 0.0]))
+    def centre_line(self, time_s: float, steady: bool = False) -> Float64:
+        """Beginning of the centre line and touchdown point (2, 3) in the world, m; arguments as for `pose`."""
+        turn, place = self.pose(time_s, steady)
+        return np.asarray(np.stack([self._ramp, self._ramp + self.touchdown_m * self.along]) @ turn[:, :2].T + place)
 
-    def position(self, point_m: ArrayLike, time_s: float) -> DeckPosition:
-        """Where a point (3,) of the world is relative to the runway at a time."""
-        turn, place = self.pose(time_s)
-        touchdown = turn[:, :2] @ (self._ramp + self.touchdown_m * self.along) + place
-        direction = turn[:, :2] @ self.along
-        heading = math.atan2(direction[1], direction[0])
-        delta = np.asarray(point_m) - touchdown
-        cosine, sine = math.cos(heading), math.sin(heading)
-        return DeckPosition(
-            -float(delta[0] * cosine + delta[1] * sine),
-            float(delta[1] * cosine - delta[0] * sine),
-            -float(delta[2]),
-            heading,
-        )
+    def rise_m_s(self, time_s: float) -> float:
+        """Upward speed of the touchdown point, m/s, of a ship that is level at rest; first order in the angles."""
+        _, (roll_rate, pitch_rate, heave_rate) = swing(self.layout, self.motion, time_s)
+        x, y = self._ramp + self.touchdown_m * self.along - self._at_rest[3][:2]
+        return float(heave_rate + pitch_rate * x - roll_rate * y)
+
+    @property
+    def velocity_m_s(self) -> Float64:
+        """(3,) of the ship under way, world, m/s."""
+        return self._at_rest[2]
+
+    def moved_layout(self, time_s: float) -> Layout:
+        """The ship as it lies at a time, with roll, pitch and heave."""
+        return self.layout.at_pose(ship_pose(self.layout, self.motion, time_s))
 
     def in_ship_frame(self, points_m: ArrayLike, time_s: float) -> Float64:
         """World points (N, 3) in the ship's frame; z is positive below the deck's plane."""

@@ -8,33 +8,32 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.config import Approach
+from deckline.flight import Flight
 from deckline.types import Guidance, Status
-from deckline_sim.config import MotionConfig
 from deckline_sim.flight.approach import closing_speed
-from deckline_sim.flight.viewpoints import draw_motion, steady_velocity
 from deckline_sim.landing.air import Gusts, steady_wind, wake
 from deckline_sim.landing.aircraft import APPROACHES, DYNAMICS_HZ, Aircraft, AircraftState, Controls
 from deckline_sim.landing.autopilot import DECISION_M, Autopilot, WaveOff, in_window
 from deckline_sim.landing.config import LandingConfig
-from deckline_sim.landing.deck import Deck, DeckPosition, rotation_matrix
-from deckline_sim.landing.sight import Moment, Sight
+from deckline_sim.landing.deck import rotation_matrix
+from deckline_sim.landing.deviations import Deviations, deviations
+from deckline_sim.landing.guidance_sight import GuidanceSight
+from deckline_sim.landing.navigation_sight import NavigationSight
+from deckline_sim.landing.point_sight import PointSight
+from deckline_sim.landing.sight import Closing, Moment, Sight
+from deckline_sim.landing.surroundings import Surroundings, surroundings
 from deckline_sim.landing.touchdown import Outcome, Touchdown, outcome_of, strikes_ramp, touch
-from deckline_sim.ship.layout import class_layout
-from deckline_sim.ship.ship_class import load_class
 
 AUTOPILOT_EVERY = 2  # steps of the dynamics: 60 Hz
 SAMPLE_EVERY = 4  # steps between two samples of the flight for films: 30 Hz
 START_SIGMA_M = (10.0, 3.0)  # 1-sigma of the first lateral and vertical offset; our choice
-# Wires of a ship that has none in its class, beyond the beginning of the lines, m; 12.4 m apart as on a large carrier.
-WIRES_M = (52.0, 64.4, 76.8)
 NEAR_M = 60.0  # to the ramp, from which contacts are looked for
 CLEAR_M = 15.0  # above the deck and climbing: a go-around is over
 LONGEST_S = 120.0
 SEEN_SHARE = 0.8  # of the visibility: a ramp that is nearer ought to be seen
-COUNTED_M = 800.0  # to the touchdown point, from which answers are counted
+COUNTED_M = 800.0  # to the ramp, from which answers are counted
 # Random streams of a landing.
-SHIP, AIR, START = 31, 32, 33
+AIR, START = 31, 32
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,9 +61,9 @@ class Landing:
     called_for: bool
     """Of a pass that was broken off: whether it had to be, by what was truly so."""
     first_ok_m: float | None
-    """Distance to the touchdown point at the first `ok` answer of the picture, m; None: there was none."""
+    """Distance to the ramp at the first `ok` answer of the picture, m; None: there was none."""
     ok_share: float
-    """Of the answers of the picture within 800 m of the touchdown point, how many were `ok`."""
+    """Of the answers of the picture within 800 m of the ramp, how many were `ok`."""
     misleading: int
     """Answers that were `ok`, within 800 m, with an error beyond their protection level."""
     seconds: float
@@ -90,18 +89,6 @@ class Landing:
         }
 
 
-@dataclass(frozen=True, eq=False)
-class Scene:
-    """What a landing is flown in, all random choices made but those of the air."""
-
-    deck: Deck
-    """The ship under way."""
-    approach: Approach
-    """The wanted path of the hook."""
-    wind_m_s: NDArray[np.float64]
-    """(3,) over the water, world, m/s."""
-
-
 @dataclass(eq=False)
 class AnswerCount:
     """What came of the answers of the picture so far; `count`, `ok`, `misleading` within COUNTED_M."""
@@ -111,102 +98,116 @@ class AnswerCount:
     ok: int = 0
     misleading: int = 0
 
-    def add(self, answer: Guidance, at: DeckPosition) -> None:
-        """Count an answer to a picture that was taken at a true position."""
+    def add(self, answer: Guidance, truth: Deviations) -> None:
+        """Count an answer to a picture."""
         is_ok = answer.status is Status.OK
         if is_ok and self.first_ok_m is None:
-            self.first_ok_m = at.to_touchdown_m
-        if at.to_touchdown_m > COUNTED_M:
+            self.first_ok_m = truth.distance_m
+        if truth.distance_m > COUNTED_M:
             return
         self.count += 1
         self.ok += is_ok
-        self.misleading += is_ok and is_misleading(answer, at)
+        self.misleading += is_ok and is_misleading(answer, truth)
 
 
-def is_misleading(answer: Guidance, at: DeckPosition) -> bool:
+def is_misleading(answer: Guidance, truth: Deviations) -> bool:
     """Whether lateral deviation or height is farther from the truth than the answer's protection level."""
     level, lateral, height = answer.protection, answer.lateral_deviation_m, answer.height_above_deck_m
     if level is None or lateral is None or height is None:
         return False
-    off = abs(lateral.value - at.lateral_m), abs(height.value - at.height_m)
+    off = abs(lateral.value - truth.lateral_m), abs(height.value - truth.height_m)
     return off[0] > level.lateral_m or off[1] > level.vertical_m
 
 
+@dataclass(frozen=True, eq=False)
 class Sights:
-    """What an aircraft is guided by on the way in, and what it lands with.
+    """What an aircraft is guided by."""
 
-    Args:
-        picture: answers of the camera, or of what stands for it.
-        navigation: guidance by navigation alone, followed while the picture has not been usable; None: there is none.
-    """
+    picture: Sight
+    """What it lands with: the camera's answers, or what stands for them."""
+    navigation: Sight | None = None
+    """Followed on the way in while the picture gives nothing; None: it holds its path."""
 
-    def __init__(self, picture: Sight, navigation: Sight | None = None) -> None:
-        self.picture, self.navigation = picture, navigation
+    @classmethod
+    def of_config(cls, config: LandingConfig, seed: int, flight: Flight | None = None) -> "Sights":
+        """The sights that a configuration names; `flight`: loaded models for rendered pictures."""
+        if config.guidance == "navigation":
+            return cls(NavigationSight(config, seed))
+        navigation = NavigationSight(config, seed) if config.guidance == "both" else None
+        if config.sight == "rendered":
+            from deckline_sim.landing.rendered_sight import RenderedSight  # needs OpenGL
+
+            return cls(RenderedSight(config, seed, flight), navigation)
+        sight = PointSight if config.sight == "points" else GuidanceSight
+        return cls(sight(config, seed), navigation)
+
+    def close(self) -> None:
+        """End the threads of the sights."""
+        for sight in (self.picture, self.navigation):
+            if isinstance(sight, Closing):
+                sight.close()
 
 
-def make_scene(config: LandingConfig, seed: int) -> Scene:
-    """The scene of a landing; configuration and seed decide all of it."""
-    ship = load_class(config.ship)
-    layout = class_layout(ship)
-    rng = np.random.default_rng([seed, SHIP])
-    motion = draw_motion(MotionConfig(config.sea_state, config.ship_speed_m_s), False, rng)
-    approach = Approach(point_m=APPROACHES[config.aircraft].hook_m)
-    deck = Deck(layout, motion, approach.touchdown_m, ship.plan.wires_m or WIRES_M)
-    return Scene(deck, approach, steady_wind(deck.landing_direction, config.wind_m_s, config.wind_from_deg))
-
-
-def start_aircraft(config: LandingConfig, scene: Scene, seed: int) -> Aircraft:
-    """The aircraft trimmed on the glideslope, some metres beside it.
+def start_aircraft(scene: Surroundings, wind_m_s: NDArray[np.float64]) -> Aircraft:
+    """The aircraft trimmed on the glideslope, some metres beside it, in wind (3,), world, m/s.
 
     Raises:
         ValueError: a model that cannot be trimmed, or wind and ship too fast for it.
     """
-    deck, slope = scene.deck, scene.approach.slope
-    lateral, vertical = np.random.default_rng([seed, START]).normal(0.0, START_SIGMA_M)
-    along, ship = deck.landing_direction, steady_velocity(deck.layout, deck.motion)
+    config, deck, slope = scene.config, scene.deck, scene.run.approach.slope
+    lateral, vertical = np.random.default_rng([scene.seed, START]).normal(0.0, START_SIGMA_M)
+    along, ship = deck.landing_direction, deck.velocity_m_s
     speed = APPROACHES[config.aircraft].airspeed_m_s
-    closing = closing_speed(along, ship[:2], scene.wind_m_s[:2], speed)
-    through_air = ship[:2] + closing * along - scene.wind_m_s[:2]
+    closing = closing_speed(along, ship[:2], wind_m_s[:2], speed)
+    through_air = ship[:2] + closing * along - wind_m_s[:2]
     to_go = config.start_m + deck.touchdown_m
     right = np.array([-along[1], along[0]])
-    place = deck.ramp_at_rest(0.0) - [0.0, 0.0, to_go * slope + vertical]
+    place = deck.centre_line(0.0, steady=True)[0] - [0.0, 0.0, to_go * slope + vertical]
     place[:2] += -config.start_m * along + lateral * right
     heading = math.atan2(through_air[1], through_air[0])
     descent = -math.asin(closing * slope / speed)
-    aircraft = Aircraft(config.aircraft, place, heading, descent, scene.wind_m_s)
-    return aircraft
+    return Aircraft(config.aircraft, place, heading, descent, wind_m_s)
 
 
-def fly(config: LandingConfig, seed: int, sights: Sights) -> Landing:
+def fly(config: LandingConfig, seed: int, sights: Sights | None = None) -> Landing:
     """One pass from the start to the deck, or clear of it; the same for the same configuration, seed and sights.
+
+    Args:
+        config: what it is flown in.
+        seed: of everything random.
+        sights: what guides it; None: those that the configuration names.
 
     Raises:
         ValueError: an aircraft that cannot be trimmed, or wind and ship too fast for it.
     """
-    scene = make_scene(config, seed)
-    return _Pass(config, scene, start_aircraft(config, scene, seed), sights, np.random.default_rng([seed, AIR])).fly()
+    used = sights or Sights.of_config(config, seed)
+    try:
+        return _Pass(surroundings(config, seed), used).fly()
+    finally:
+        if sights is None:
+            used.close()
 
 
 class _Pass:
     """One pass on its way."""
 
-    def __init__(
-        self, config: LandingConfig, scene: Scene, aircraft: Aircraft, sights: Sights, rng: np.random.Generator
-    ) -> None:
-        self.config, self.scene, self.aircraft, self.sights = config, scene, aircraft, sights
-        self.points_m = np.array([scene.approach.point_m, *aircraft.wheels_m])  # hook first
-        self.gusts = Gusts(config.wind_m_s * config.turbulence, rng)
+    def __init__(self, scene: Surroundings, sights: Sights) -> None:
+        config, deck = scene.config, scene.deck
+        self.config, self.scene, self.sights = config, scene, sights
+        wind = steady_wind(deck.landing_direction, config.wind_m_s, config.wind_from_deg)
+        self.aircraft = aircraft = start_aircraft(scene, wind)
+        self.points_m = np.array([scene.run.approach.point_m, *aircraft.wheels_m])  # hook first
+        self.gusts = Gusts(config.wind_m_s * config.turbulence, np.random.default_rng([scene.seed, AIR]))
         self.autopilot = Autopilot(
             aircraft.state,
             aircraft.trim_throttle,
-            scene.approach.slope,
+            scene.run.approach.slope,
             rate_hz=DYNAMICS_HZ / AUTOPILOT_EVERY,
             due_s=(config.start_m + scene.deck.touchdown_m - DECISION_M) / aircraft.state.airspeed_m_s,
         )
-        ship_m_s = steady_velocity(scene.deck.layout, scene.deck.motion)
-        self.along: list[float] = scene.deck.landing_direction.tolist()
-        self.ramp_m, self.ship_m_s = scene.deck.ramp_at_rest(0.0).tolist(), ship_m_s.tolist()
-        self.over_deck_m_s = float((ship_m_s - scene.wind_m_s)[:2] @ self.along)
+        self.along: list[float] = deck.landing_direction.tolist()
+        self.ramp_m, self.ship_m_s = deck.centre_line(0.0, steady=True)[0].tolist(), deck.velocity_m_s.tolist()
+        self.over_deck_m_s = float((deck.velocity_m_s - wind)[:2] @ deck.landing_direction)
         self.waiting: deque[tuple[float, Guidance, AircraftState]] = deque()
         self.answers = AnswerCount()
         self.samples: list[Sample] = []
@@ -241,7 +242,7 @@ class _Pass:
         moment = Moment(self.time_s, state.world_from_body, np.array(state.velocity_m_s), np.array(state.rates_rad_s))
         answer = self.sights.picture.see(moment)
         self.waiting.append((self.time_s + self.config.camera.latency_s, answer, state))
-        self.answers.add(answer, self._true_position(state, self.time_s))
+        self.answers.add(answer, self._truth(state, self.time_s))
         if self.sights.navigation is not None:
             known = self.sights.navigation.see(moment)
             if not self.autopilot.has_picture(self.time_s):
@@ -259,14 +260,16 @@ class _Pass:
 
     def _is_called_for(self) -> bool:
         """Whether the pass had to be broken off: truly outside the window, beyond what can be seen, or a fault."""
-        at = self._true_position(self.aircraft.state, self.time_s)
-        too_far = at.to_touchdown_m - self.scene.deck.touchdown_m > SEEN_SHARE * self.config.visibility_m
-        above = at.height_m - at.to_touchdown_m * self.scene.approach.slope
-        return too_far or self.config.fault is not None or not in_window(at.lateral_m, above, at.to_touchdown_m)
+        found, approach = self._truth(self.aircraft.state, self.time_s), self.scene.run.approach
+        to_go = found.distance_m + approach.touchdown_m
+        too_far = found.distance_m > SEEN_SHARE * self.config.visibility_m
+        is_inside = in_window(found.lateral_m, found.height_m - to_go * approach.slope, to_go)
+        return too_far or self.config.fault is not None or not is_inside
 
-    def _true_position(self, state: AircraftState, time_s: float) -> DeckPosition:
-        hook = state.position_m + rotation_matrix(*state.attitude_rad) @ self.scene.approach.point_m
-        return self.scene.deck.position(hook, time_s)
+    def _truth(self, state: AircraftState, time_s: float) -> Deviations:
+        """Where the hook truly is relative to the moving deck."""
+        velocity = np.array(state.velocity_m_s)
+        return deviations(self.scene.deck, time_s, state.world_from_body, velocity, self.scene.run.approach)
 
     def _gust(self) -> tuple[float, float, float]:
         """Gusts and wake at the aircraft, world, m/s."""

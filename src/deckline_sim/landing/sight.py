@@ -1,7 +1,7 @@
 """What a landing aircraft sees: one moment in, guidance out."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,4 +36,13 @@ class Sight(Protocol):
 
     def see(self, moment: Moment) -> Guidance:
         """Where the aircraft is relative to the deck, as it knows it from this moment and those before."""
+        ...
+
+
+@runtime_checkable
+class Closing(Protocol):
+    """A sight with threads or a renderer to end."""
+
+    def close(self) -> None:
+        """End them."""
         ...

@@ -34,19 +34,21 @@ def test_the_deck_moves_as_the_simulators_ship(deck, time_s):
     np.testing.assert_allclose(place, expected[:3, 3], atol=1e-9)
 
 
-def test_a_place_behind_the_runway_is_found(deck):
+def test_the_centre_line_begins_at_the_ramp_and_leads_to_the_touchdown_point(deck):
     moved = deck.layout.at_pose(ship_pose(deck.layout, deck.motion, 7.0))
-    on_deck = runway_point(moved, -200.0, 3.0)
-    found = deck.position(on_deck - [0.0, 0.0, 12.0], 7.0)
-    touchdown = runway_point(moved, 70.0)
-    assert found.to_touchdown_m == pytest.approx(270.0, abs=0.5)  # of a deck that is tilted by a few degrees
-    assert found.lateral_m == pytest.approx(3.0, abs=0.3)
-    assert found.height_m == pytest.approx(touchdown[2] - on_deck[2] + 12.0)
+    expected = [runway_point(moved, 0.0), runway_point(moved, 70.0)]
+    np.testing.assert_allclose(deck.centre_line(7.0), expected, atol=1e-9)
+    np.testing.assert_allclose(deck.moved_layout(7.0).world_from_ship.as_matrix(), moved.world_from_ship.as_matrix())
 
 
-def test_the_resting_ramp_sails_on(deck):
+def test_the_steady_centre_line_sails_on(deck):
     expected = steady_pose(deck.layout, deck.motion, 10.0).apply([*deck.layout.centre_m[0], 0.0])
-    np.testing.assert_allclose(deck.ramp_at_rest(10.0), expected, atol=1e-9)
+    np.testing.assert_allclose(deck.centre_line(10.0, steady=True)[0], expected, atol=1e-9)
+
+
+def test_the_touchdown_point_rises_as_its_height_changes(deck):
+    heights = [-deck.centre_line(5.0 + step)[1, 2] for step in (-0.01, 0.01)]
+    assert deck.rise_m_s(5.0) == pytest.approx(np.diff(heights)[0] / 0.02, abs=0.01)
 
 
 def test_points_come_into_the_ships_frame_and_back(deck):

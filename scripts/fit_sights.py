@@ -1,0 +1,184 @@
+"""Fit the models by which landings are seen without pictures, and check each against the way it was fitted to.
+
+python scripts/fit_sights.py render LOOKS       # fly rendered approaches, one file of looks each; resumes
+python scripts/fit_sights.py detection LOOKS    # fit detection_model.json to half of them
+python scripts/fit_sights.py points POINTS      # fly approaches by points, one file each; resumes
+python scripts/fit_sights.py guidance POINTS    # fit guidance_model.json to half of them
+python scripts/fit_sights.py check LOOKS POINTS # compare on those kept apart
+"""
+
+import argparse
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.progress import track
+
+from deckline.atomic import write_atomic
+from deckline_lab.campaigns.compare import error_table, status_table
+from deckline_lab.campaigns.fit_detection import fit_detection, read_flight
+from deckline_lab.campaigns.fit_guidance import fit_guidance, gather
+from deckline_lab.campaigns.looks import approach_moments, fly_looks, look_record, read_looks, write_looks
+from deckline_lab.evaluation.tables import markdown
+from deckline_sim.landing import detection_model, guidance_model
+from deckline_sim.landing.config import LandingCamera, LandingConfig
+from deckline_sim.landing.guidance_sight import GuidanceSight
+from deckline_sim.landing.point_sight import PointSight
+from deckline_sim.landing.rendered_sight import RenderedSight
+from deckline_sim.landing.surroundings import Surroundings
+
+RENDERED_SEED, POINTS_SEED, CHECK_SEED = 7000, 8000, 9000  # the shipped weights never saw seeds from 1000 on
+SEEN_VISIBILITIES = 1.5  # distance where a flight begins, in visibilities: hardly anything is seen beyond
+FARTHEST_M = 1500.0
+RATE_HZ = 5.0  # of rendered flights: a frame takes seconds to render and search on a busy processor
+RENDERED = (  # ship, visibility, m, sea state, time of day; in turn fitted to and kept apart
+    *(("cvn", 1000.0, 3.0, "day"), ("cvn", 800.0, 2.0, "day")),
+    *(("cvn", 500.0, 4.0, "dusk"), ("cvn", 600.0, 5.0, "day")),
+    *(("paper", 700.0, 2.0, "day"), ("paper", 900.0, 3.0, "day")),
+    *(("cvn", 300.0, 0.0, "day"), ("cvn", 400.0, 3.0, "day")),
+    *(("cvn", 2000.0, 1.0, "day"), ("cvn", 1400.0, 4.0, "day")),
+    *(("paper", 1200.0, 4.0, "day"), ("paper", 1000.0, 1.0, "dusk")),
+    *(("cvn", 700.0, 5.0, "day"), ("cvn", 1000.0, 0.0, "dusk")),
+    *(("cvn", 1500.0, 2.0, "dusk"), ("cvn", 2000.0, 3.0, "day")),
+)
+BY_POINTS = tuple(  # repetition, visibility, m, navigation, sea state, time of day
+    product(range(2), (300.0, 700.0, 1500.0), guidance_model.GRADES, (1.0, 4.0), ("day", "dusk"))
+)
+REPEATS = 6  # flights by points for every rendered one that was kept apart
+COMPARED = ("lateral", "height", "distance")
+Flight = tuple[Surroundings, list[dict[str, Any]]]
+
+
+def landing_config(
+    ship: str, visibility_m: float, sea_state: float, time_of_day: str, navigation: str, rate_hz: float
+) -> LandingConfig:
+    """The configuration of a flight from where something may be seen."""
+    return LandingConfig(
+        ship,  # type: ignore[arg-type]
+        visibility_m=visibility_m,
+        time_of_day=time_of_day,  # type: ignore[arg-type]
+        sea_state=sea_state,
+        start_m=min(FARTHEST_M, SEEN_VISIBILITIES * visibility_m),
+        camera=LandingCamera(rate_hz=rate_hz),
+        navigation=navigation,  # type: ignore[arg-type]
+    )
+
+
+def render(out: Path) -> None:
+    """Fly the rendered approaches that `out` does not hold."""
+    models = None
+    for number, (ship, visibility_m, sea_state, time_of_day) in enumerate(RENDERED):
+        path = out / f"{number:02d}.json"
+        if path.exists():
+            continue
+        config = landing_config(ship, visibility_m, sea_state, time_of_day, "good", RATE_HZ)
+        with RenderedSight(config, RENDERED_SEED + number, models) as sight:
+            looks = []
+            for moment in track(approach_moments(sight.surroundings), path.name):
+                found = sight.see(moment)
+                detection = None if sight.result is None else sight.result.detection
+                looks.append(look_record(sight.surroundings, moment, found, detection))
+            write_looks(path, sight.surroundings, looks)
+            models = sight.flight
+
+
+def fly_points(out: Path) -> None:
+    """Fly the approaches by points that `out` does not hold."""
+    for number, (_, visibility_m, navigation, sea_state, time_of_day) in enumerate(track(BY_POINTS, "points")):
+        path = out / f"{number:03d}.json"
+        if not path.exists():
+            config = landing_config("cvn", visibility_m, sea_state, time_of_day, navigation, 10.0)
+            with PointSight(config, POINTS_SEED + number) as sight:
+                write_looks(path, sight.surroundings, fly_looks(sight.surroundings, sight))
+
+
+def read_flights(folder: Path) -> list[Flight]:
+    """All flights of a folder, in their order."""
+    paths = sorted(folder.glob("*.json"))
+    if not paths:
+        raise SystemExit(f"no flights in {folder}")
+    return [read_looks(path) for path in paths]
+
+
+def is_kept_apart(scene: Surroundings) -> bool:
+    """Whether a flight is checked with: every other rendered one, the second repetition by points."""
+    if scene.seed < POINTS_SEED:
+        return (scene.seed - RENDERED_SEED) % 2 == 1
+    return scene.seed - POINTS_SEED >= len(BY_POINTS) // 2
+
+
+def write_detection_model(folder: Path) -> None:
+    """Fit to rendered flights and write the shipped model."""
+    flights = [flight for flight in read_flights(folder) if not is_kept_apart(flight[0])]
+    rate_hz = flights[0][0].config.camera.rate_hz
+    model = fit_detection([read_flight(number, *flight) for number, flight in enumerate(flights)], rate_hz)
+    write_model(detection_model.MODEL_FILE, "detection LOOKS", flights, {"model": asdict(model)}, indent=1)
+
+
+def write_guidance_model(folder: Path) -> None:
+    """Fit to flights by points and write the shipped model."""
+    flights = [flight for flight in read_flights(folder) if not is_kept_apart(flight[0])]
+    model = fit_guidance(gather(flights), flights[0][0].config.camera.rate_hz)
+    tables = {name: rounded(value) if isinstance(value, np.ndarray) else value for name, value in vars(model).items()}
+    write_model(guidance_model.MODEL_FILE, "guidance POINTS", flights, tables)
+
+
+def rounded(values: np.ndarray) -> Any:
+    """An array as lists of numbers with five digits."""
+    return json.loads(json.dumps(values.tolist()), parse_float=lambda text: float(f"{float(text):.5g}"))
+
+
+def write_model(
+    path: Path, command: str, flights: Sequence[Flight], tables: dict[str, Any], indent: int | None = None
+) -> None:
+    """Write a model's file, with the command and the flights that it was fitted to."""
+    looks = sum(len(looks) for _, looks in flights)
+    source = {"command": f"python scripts/fit_sights.py {command}", "flights": len(flights), "looks": looks}
+    separators = None if indent else (",", ":")
+    write_atomic(path, (json.dumps(source | tables, indent=indent, separators=separators) + "\n").encode())
+
+
+def check(rendered: Path, points: Path) -> None:
+    """Print how points agree with rendered flights, and guidance with points, on flights kept apart."""
+    for folder, names, sight, repeats in (
+        (rendered, ("rendered", "points"), PointSight, REPEATS),
+        (points, ("points", "guidance"), GuidanceSight, 1),
+    ):
+        kept = [flight for flight in read_flights(folder) if is_kept_apart(flight[0])]
+        seeds = range(CHECK_SEED, CHECK_SEED + repeats)
+        again = [fly_again(scene, 100 * seed + i, sight) for i, (scene, _) in enumerate(kept) for seed in seeds]
+        for table in (error_table(kept, again, names, COMPARED), status_table(kept, again, names)):
+            print(f"{table.title}\n\n{markdown(table)}\n")
+
+
+def fly_again(scene: Surroundings, seed: int, sight: type[PointSight] | type[GuidanceSight]) -> Flight:
+    """A flight in the same configuration, seen another way, with another seed."""
+    eyes = sight(scene.config, seed)
+    return eyes.surroundings, fly_looks(eyes.surroundings, eyes)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    steps = {
+        "render": render,
+        "detection": write_detection_model,
+        "points": fly_points,
+        "guidance": write_guidance_model,
+    }
+    parser.add_argument("step", choices=(*steps, "check"))
+    parser.add_argument("folders", type=Path, nargs="+", help="LOOKS or POINTS; check takes both")
+    given = parser.parse_args()
+    wanted = 2 if given.step == "check" else 1
+    if len(given.folders) != wanted:
+        parser.error(f"{given.step} takes {wanted} folders, got {len(given.folders)}")
+    for folder in given.folders:
+        folder.mkdir(parents=True, exist_ok=True)
+    (check if given.step == "check" else steps[given.step])(*given.folders)
+
+
+if __name__ == "__main__":
+    main()

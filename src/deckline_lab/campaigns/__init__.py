@@ -1,0 +1,1 @@
+"""Landings by the thousand, and the models of sight that they need."""

@@ -1,0 +1,72 @@
+"""Sight by points: detections drawn from a model, flown through localization, tracking and guidance."""
+
+from dataclasses import replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deckline.config import Tracking
+from deckline.dehaze.base import IdentityDehazer
+from deckline.detect.crop import Box
+from deckline.flight import Flight, FrameResult
+from deckline.types import Detection, Guidance
+from deckline_sim.landing.config import LandingConfig
+from deckline_sim.landing.detection_model import DetectionModel, read_detection_model
+from deckline_sim.landing.modelled_detector import ModelledDetector
+from deckline_sim.landing.sight import Moment
+from deckline_sim.landing.surroundings import empty_picture, measured_frame, surroundings
+from deckline_sim.ship.truth import truth_segments
+
+DETECTIONS, RANSAC = 64, 65  # random streams
+NO_PICTURE = Tracking(horizon_s=0.0, paint_s=0.0)  # monitors find nothing in a black picture
+
+
+class NoDetector:
+    """The detector of a flight whose points are all drawn."""
+
+    name = "drawn"
+
+    def __call__(self, image_rgb: NDArray[np.uint8], prior_box: Box | None = None) -> Detection:
+        raise AssertionError("unreachable: every detection is given")
+
+
+class PointSight:
+    """Draws each moment's detection and flies it; a `Sight`.
+
+    Args:
+        config: what the landing is flown in.
+        seed: of the landing.
+        model: of the detector; None: the shipped one.
+    """
+
+    def __init__(self, config: LandingConfig, seed: int, model: DetectionModel | None = None) -> None:
+        self.surroundings = surroundings(config, seed)
+        run = replace(self.surroundings.run, tracking=NO_PICTURE)
+        self.flight = Flight(run, IdentityDehazer(), NoDetector())
+        is_dark = config.time_of_day != "day"
+        rng = np.random.default_rng([seed, DETECTIONS])
+        self.detector = ModelledDetector(model or read_detection_model(), is_dark, config.visibility_m, rng)
+        self.rng = np.random.default_rng([seed, RANSAC])
+        self.image_rgb = empty_picture(self.surroundings.camera)
+        self.result: FrameResult | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the flight's threads."""
+        self.flight.close()
+
+    def see(self, moment: Moment) -> Guidance:
+        """The guidance of a drawn detection; `result` then holds all that the chain made of it."""
+        scene = self.surroundings
+        layout = scene.deck.moved_layout(moment.time_s)
+        camera_pose = moment.world_from_body * scene.body_from_camera
+        detection = self.detector.detect(moment.time_s, truth_segments(layout), camera_pose, scene.camera)
+        frame = measured_frame(scene, moment, self.image_rgb)
+        self.result = self.flight(frame, detection=detection, rng=self.rng)
+        return self.result.guidance
