@@ -243,10 +243,8 @@ class _Pass:
         answer = self.sights.picture.see(moment)
         self.waiting.append((self.time_s + self.config.camera.latency_s, answer, state))
         self.answers.add(answer, self._truth(state, self.time_s))
-        if self.sights.navigation is not None:
-            known = self.sights.navigation.see(moment)
-            if not self.autopilot.has_picture(self.time_s):
-                self.autopilot.hear(known, state, is_of_picture=False)
+        if self.sights.navigation is not None and not self.autopilot.has_picture(self.time_s):
+            self.autopilot.hear(self.sights.navigation.see(moment), state, is_of_picture=False)
 
     def _steer(self) -> Controls:
         while self.waiting and self.waiting[0][0] <= self.time_s:

@@ -33,6 +33,8 @@ class NavigationSight:
         run = self.surroundings.run
         deck = np.random.default_rng([seed, CALIBRATION]).standard_normal()
         self.deck_error_m = run.sensors.deck_z_m * float(deck)
+        self.accuracy = self._accuracy()
+        self.protection = self._protection()
 
     def see(self, moment: Moment) -> Guidance:
         """Guidance from the difference of both poses at the moment."""
@@ -42,10 +44,7 @@ class NavigationSight:
         ship[2] = self.deck_error_m
         apart = RigidTransform.from_components(body.translation - ship, body.rotation)
         found = deviations(scene.deck, moment.time_s, apart, moment.velocity_m_s, scene.run.approach, steady=True)
-        accuracy = self._accuracy()
-        return stated_guidance(
-            moment.time_s, found, accuracy, Status.OK, self._protection(accuracy), scene.run.approach
-        )
+        return stated_guidance(moment.time_s, found, self.accuracy, Status.OK, self.protection, scene.run.approach)
 
     def _accuracy(self) -> Accuracy:
         sensors, motion = self.surroundings.run.sensors, self.surroundings.run.deck.motion
@@ -54,8 +53,8 @@ class NavigationSight:
         rate = RATE_SIGMA_M_S
         return Accuracy(across_m, height_m, sensors.attitude_rad, across_m, rate, rate, rate)
 
-    def _protection(self, accuracy: Accuracy) -> Protection:
-        risk = self.surroundings.run.integrity.risk
+    def _protection(self) -> Protection:
+        accuracy, risk = self.accuracy, self.surroundings.run.integrity.risk
         factor = float(norm.isf(risk / 2))
         return Protection(
             factor * accuracy.lateral_m,
