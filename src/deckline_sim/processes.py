@@ -93,7 +93,7 @@ def map_finished(
     task: Callable[[X], Y],
     items: Iterable[X],
     jobs: Jobs = 1,
-    name: Callable[[X], str] | None = None,
+    name: Callable[[int], str] | None = None,
     ordered: bool = False,
 ) -> Generator[tuple[int, Y], None, None]:
     """Position of every item and `task(item)`, as they finish.
@@ -104,7 +104,7 @@ def map_finished(
     Args:
         task: picklable when jobs is not 1, as are items and results. It must not matter if it is begun twice.
         jobs: who works.
-        name: of an item, in messages; its position when not given.
+        name: of the item at a position, in messages; `task POSITION` when not given.
         ordered: begin no task that is more than twice the pool's size after the first unfinished one.
 
     Raises:
@@ -131,7 +131,7 @@ def _open_pool(task: Callable[[X], Y], jobs: Jobs) -> Pool:
 
 
 def _run_in(
-    pool: Pool, items: Iterable[X], name: Callable[[X], str] | None, window: int | None
+    pool: Pool, items: Iterable[X], name: Callable[[int], str] | None, window: int | None
 ) -> Generator[tuple[int, Any], None, None]:
     """As `map_finished`; `window`: no task is begun that is so far after the first unfinished one."""
     left = enumerate(items)
@@ -154,7 +154,7 @@ def _run_in(
         for position, result, error in pool.wait():
             if isinstance(error, ProcessDied):
                 deaths[position] = deaths.get(position, 0) + 1
-                _report_death(name(running[position]) if name else f"task {position}", deaths[position], error)
+                _report_death(name(position) if name else f"task {position}", deaths[position], error)
                 pool.submit(position, running[position])
             elif error is not None:
                 raise error

@@ -10,6 +10,8 @@ from deckline_sim.processes import Finished, ProcessDied, process_count
 with needs_extra("ray"):
     os.environ["RAY_USAGE_STATS_ENABLED"] = "0"  # Ray reads it when it is imported
     os.environ["RAY_ENABLE_UV_RUN_RUNTIME_ENV"] = "0"  # else a program of `uv run` is copied to every node
+    # Ray's own 15 starves workers beside other programs: importing scipy then takes minutes instead of seconds.
+    os.environ.setdefault("RAY_worker_niceness", "0")
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")  # the behaviour that Ray warns it will have
     import ray
     from ray.exceptions import RayError, RayTaskError

@@ -1,0 +1,1 @@
+"""Campaigns: thousands of landings from a plan, in shards of JSON lines, and what they add up to."""
