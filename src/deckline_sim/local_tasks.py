@@ -10,7 +10,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any
 
-from deckline_sim.processes import Finished, ProcessDied
+from deckline_sim.processes import Finished, ProcessDiedError
 
 EXIT_S = 5.0  # that an idle process has to end by itself
 
@@ -54,7 +54,7 @@ class LocalPool:
                 finished.append(Finished(position, *worker.connection.recv()))
             except (EOFError, ConnectionResetError):
                 worker.process.join()
-                finished.append(Finished(position, None, ProcessDied(f"exit code {worker.process.exitcode}")))
+                finished.append(Finished(position, None, ProcessDiedError(f"exit code {worker.process.exitcode}")))
         return finished
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""Work over several processes of this machine, or over a Ray cluster: tasks in, results out, dead processes replaced."""
+"""Work over several processes of this machine or over a Ray cluster; processes that die are replaced."""
 
 import os
 from collections.abc import Callable, Generator, Iterable
@@ -32,10 +32,10 @@ class Finished(NamedTuple):
     result: Any
     """None where there is an error."""
     error: BaseException | None
-    """What the task raised, or `ProcessDied`."""
+    """What the task raised, or `ProcessDiedError`."""
 
 
-class ProcessDied(OSError):
+class ProcessDiedError(OSError):
     """The process of a task ended before the task did."""
 
 
@@ -152,7 +152,7 @@ def _run_in(
         if not running:
             return
         for position, result, error in pool.wait():
-            if isinstance(error, ProcessDied):
+            if isinstance(error, ProcessDiedError):
                 deaths[position] = deaths.get(position, 0) + 1
                 _report_death(name(position) if name else f"task {position}", deaths[position], error)
                 pool.submit(position, running[position])
@@ -163,7 +163,7 @@ def _run_in(
                 yield position, result
 
 
-def _report_death(what: str, deaths: int, error: ProcessDied) -> None:
+def _report_death(what: str, deaths: int, error: ProcessDiedError) -> None:
     if deaths > RETRIES:
         raise OSError(f"{what}: a process died, {deaths} times ({error}; out of memory?)") from error
     print_line(f"{what}: a process died ({error}); retry {deaths} of {RETRIES}")

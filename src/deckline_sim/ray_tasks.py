@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 from deckline.extras import needs_extra
-from deckline_sim.processes import Finished, ProcessDied, process_count
+from deckline_sim.processes import Finished, ProcessDiedError, process_count
 
 with needs_extra("ray"):
     os.environ["RAY_USAGE_STATS_ENABLED"] = "0"  # Ray reads it when it is imported
@@ -32,12 +32,10 @@ class RayPool:
     """
 
     def __init__(self, task: Callable[[Any], Any], address: str) -> None:
-        quiet = {"include_dashboard": False, "log_to_driver": False, "logging_level": "ERROR"}
+        here = {"num_cpus": process_count(0), "object_store_memory": OBJECT_STORE_BYTES, "include_dashboard": False}
+        where: dict[str, Any] = {"address": address} if address else here
         try:
-            if address:
-                ray.init(address=address, log_to_driver=False, logging_level="ERROR")
-            else:
-                ray.init(num_cpus=process_count(0), object_store_memory=OBJECT_STORE_BYTES, **quiet)
+            ray.init(**where, log_to_driver=False, logging_level="ERROR")
         except (ConnectionError, RuntimeError, ValueError) as error:
             raise OSError(f"no Ray cluster at {address or 'this machine'}: {error}") from error
         self.size = QUEUED * max(1, int(ray.cluster_resources().get("CPU", 1)))
@@ -69,4 +67,4 @@ def _finished(position: int, reference: Any) -> Finished:
     except RayTaskError as error:
         return Finished(position, None, error.cause if isinstance(error.cause, Exception) else error)
     except RayError as error:
-        return Finished(position, None, ProcessDied(type(error).__name__))
+        return Finished(position, None, ProcessDiedError(type(error).__name__))

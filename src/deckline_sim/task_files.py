@@ -1,4 +1,4 @@
-"""Files made by a pure function, over processes or a Ray cluster; a stopped command makes the files that are missing."""
+"""Files made by a pure function, over processes or a Ray cluster; those that are there are not made again."""
 
 from collections.abc import Callable, Mapping
 from contextlib import closing

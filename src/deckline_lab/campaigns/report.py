@@ -62,7 +62,9 @@ def campaign_html(
         figures=list(_figures(plan, landings)),
         tables=summary_tables(cells, weighted),
         notes=[NOTES, *([WEIGHTED_NOTE] if weighted else [])],
-        failures=[(_words(each.outcome), each.seed, name_cell(_rounded(each.settings))) for of in by_outcome for each in of],
+        failures=[
+            (_words(each.outcome), each.seed, name_cell(_rounded(each.settings))) for of in by_outcome for each in of
+        ],
         failed=len(bad),
         listed=LISTED,
         settings=[(name, value) for name, value in _plan_rows(plan)],

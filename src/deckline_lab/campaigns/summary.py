@@ -21,10 +21,10 @@ EVENTS = (GOOD, *Outcome, MISLEADING)
 BOUNDED = {"ramp strike": Outcome.RAMP_STRIKE, MISLEADING: MISLEADING}  # rare events by what people call them
 COMMON = (GOOD, Outcome.WIRE)  # events that most landings have
 NOTES = """\
-Good: a wire, or a wave-off that had to be. Square brackets: 95 % intervals (Clopper and Pearson). At most: one-sided 95 %
-bound; of no event in n landings it is 3 / n. Touchdown: of all landings that touched the deck; along: beyond the touchdown
-point, across: right of the centre line; 1-sigma in brackets. First ok: median distance to the touchdown point at the
-first `ok` answer of the picture."""
+Good: a wire, or a wave-off that had to be. Square brackets: 95 % intervals (Clopper and Pearson). At most: one-sided
+95 % bound; of no event in n landings it is 3 / n. Touchdown: of all landings that touched the deck; along: beyond the
+touchdown point, across: right of the centre line; 1-sigma in brackets. First ok: median distance to the touchdown point
+at the first `ok` answer of the picture."""
 WEIGHTED_NOTE = """\
 Shares are weighted: estimates of the weighted mean with gamma intervals (Fay and Feuer). Effective: landings of equal
 weight that would give the mean the same variance."""
