@@ -1,5 +1,6 @@
 """Tasks on a Ray cluster. Ray is an extra of its own; only this module imports it."""
 
+import logging
 import os
 from collections.abc import Callable
 from typing import Any
@@ -35,7 +36,7 @@ class RayPool:
         here = {"num_cpus": process_count(0), "object_store_memory": OBJECT_STORE_BYTES, "include_dashboard": False}
         where: dict[str, Any] = {"address": address} if address else here
         try:
-            ray.init(**where, log_to_driver=False, logging_level="ERROR")
+            ray.init(**where, log_to_driver=False, logging_level=logging.ERROR)
         except (ConnectionError, RuntimeError, ValueError) as error:
             raise OSError(f"no Ray cluster at {address or 'this machine'}: {error}") from error
         self.size = QUEUED * max(1, int(ray.cluster_resources().get("CPU", 1)))

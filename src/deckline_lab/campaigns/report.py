@@ -50,7 +50,8 @@ def campaign_html(
     """
     weighted = plan.importance is not None
     bad = [landing for landing in landings if not landing.has(GOOD)]
-    by_outcome = [[landing for landing in bad if landing.outcome == outcome][:LISTED] for outcome in Outcome]
+    seeds = [{landing.seed: landing for landing in bad if landing.outcome == outcome} for outcome in Outcome]
+    by_outcome = [[*of.values()][:LISTED] for of in seeds]
     environment = Environment(
         loader=FileSystemLoader(TEMPLATES), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )

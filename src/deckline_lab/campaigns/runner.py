@@ -109,7 +109,10 @@ def _claim_folder(plan: CampaignPlan, out: Path) -> None:
             raise ValueError(f"{out}: holds shards without {PLAN_FILE}: choose another folder")
         write_atomic(path, (json.dumps(wanted, indent=1, allow_nan=False) + "\n").encode())
         return
-    known = parse_plain(json.loads, read_regular(path).decode())
+    try:
+        known = parse_plain(json.loads, read_regular(path).decode())
+    except ValueError as error:  # neither JSON nor text
+        raise ValueError(f"{path} is damaged ({error}): choose another folder") from None
     names = wanted if isinstance(known, dict) else {}
     changed = [name for name in names if known.get(name) != wanted[name]]
     if changed or not names or known.keys() != wanted.keys():
