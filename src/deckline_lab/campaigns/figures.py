@@ -49,7 +49,8 @@ def draw_touchdowns(plan: CampaignPlan, landings: Sequence[FlownLanding]) -> str
     low, high = (points.min(0), points.max(0)) if len(points) else (np.zeros(2), np.zeros(2))
     axis.set(xlim=(low[0] - MARGIN_M, high[0] + MARGIN_M), ylim=(high[1] + MARGIN_M, low[1] - MARGIN_M))
     axis.set(aspect="equal", xlabel="beyond the touchdown point, m", ylabel="right of the centre line, m")
-    axis.legend(loc="upper right", fontsize="small", markerscale=3)
+    if axis.get_legend_handles_labels()[0]:
+        axis.legend(loc="upper right", fontsize="small", markerscale=3)
     return _png(figure)
 
 

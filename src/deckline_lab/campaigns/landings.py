@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+from deckline_sim.landing.aircraft import APPROACHES
 from deckline_sim.landing.config import LandingConfig
 from deckline_sim.landing.landing import Landing, Sights, fly, make_scene, start_aircraft
 
@@ -19,9 +20,11 @@ def check_landing(config: LandingConfig) -> None:
     """Refuse a landing that cannot be flown.
 
     Raises:
-        ValueError: nothing makes such a sight, or an aircraft that cannot be trimmed in that wind.
+        ValueError: nothing makes such a sight, an unknown aircraft, or one that cannot be trimmed in that wind.
     """
     _sights(config)
+    if config.aircraft not in APPROACHES:
+        raise ValueError(f"aircraft must be one of {', '.join(APPROACHES)}, got {config.aircraft!r}")
     start_aircraft(config, make_scene(config, 0), 0)
 
 
