@@ -24,7 +24,7 @@ from deckline.recording.writer import ImageFormat, encode_frame
 from deckline.report.draw import check_picture_name, write_picture
 from deckline.types import Frame
 from deckline_sim.config import FLIGHTS, LARGEST_PX, SimConfig
-from deckline_sim.processes import map_ordered, process_count
+from deckline_sim.processes import Jobs, map_ordered, works_here
 from deckline_sim.progress import progress
 from deckline_sim.simulate import ShipSimulator, open_simulator, ship_block
 
@@ -40,14 +40,14 @@ DOTS = 240  # of each true line: close views show a tenth of it
 
 
 def map_frames(
-    task: Callable[[Frame], T], items: Sequence[Item], jobs: int = 1, total: int | None = None
+    task: Callable[[Frame], T], items: Sequence[Item], jobs: Jobs = 1, total: int | None = None
 ) -> Generator[T, None, None]:
     """`task(frame)` of every item, in their order and the same whatever `jobs` is; see `map_ordered`.
 
     Args:
         task: what is done to a frame where it is rendered; picklable when jobs is not 1.
         items: frames; neighbours that share a ship are rendered by one process.
-        jobs: processes; 1 renders in this process, 0 takes as many as there are cores.
+        jobs: who renders: 1: this process, 0: a process for every core, or a Ray cluster.
         total: frames of the whole work, of which the items are the last, for a bar on the screen; None: no bar.
 
     Raises:
@@ -56,7 +56,7 @@ def map_frames(
     """
     if total is not None:
         yield from show_progress("rendering", map_frames(task, items, jobs), total, total - len(items))
-    elif process_count(jobs) == 1:
+    elif works_here(jobs):
         for config, group in groupby(items, key=itemgetter(0)):
             with open_simulator(config) as simulator:
                 for _, index in group:

@@ -34,6 +34,9 @@ TABLE = {
     "info": CliCommand("deckline.cli.info", "Print versions, the processor, the engines and the shipped weights."),
     "sim": CliCommand("deckline_sim.cli", "Render a recording of a deck, or serve AirSim's clients.", "sim"),
     "dataset": CliCommand("deckline_lab.cli.dataset", "Render the paper's dataset of hazy pairs, or check one.", "sim"),
+    "campaign": CliCommand(
+        "deckline_lab.cli.campaign", "Fly thousands of landings, on this machine or on Ray, and report them.", "sim"
+    ),
     "benchmark": CliCommand("deckline_lab.cli.benchmark", "Measure how long every stage takes on this machine."),
     "train": CliCommand("deckline_lab.cli.train", "Train a network.", "train", is_group=True),
     "eval": CliCommand("deckline_lab.cli.eval", "Measure the chain against truth.", "sim", is_group=True),

@@ -1,1 +1,1 @@
-"""Landings by the thousand, and the models of sight that they need."""
+"""Campaigns: thousands of landings from a plan, in shards of JSON lines, and what they add up to."""

@@ -1,0 +1,152 @@
+"""The page of a campaign: one HTML file that needs no network and no server."""
+
+from collections.abc import Iterator, Sequence
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
+
+from deckline import __version__
+from deckline.report.html import TEMPLATES as REPORT_TEMPLATES
+from deckline_lab.campaigns.figures import Group, draw_dispersion, draw_shares, draw_touchdowns
+from deckline_lab.campaigns.plan import CampaignPlan
+from deckline_lab.campaigns.summary import (
+    GOOD,
+    MISLEADING,
+    NOTES,
+    WEIGHTED_NOTE,
+    CellSummary,
+    FlownLanding,
+    name_cell,
+    summarise_group,
+    summary_tables,
+)
+from deckline_lab.statistics import VISIBILITY_M
+from deckline_sim.landing.touchdown import Outcome
+
+REPORT_FILE = "report.html"
+TEMPLATES = Path(__file__).parent / "templates"
+SEA_STATES = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, np.inf)
+BANDS = {"visibility_m": VISIBILITY_M, "sea_state": SEA_STATES}  # edges of groups, where a setting is drawn
+LISTED = 6  # landings of one outcome
+
+
+def campaign_html(
+    plan: CampaignPlan, cells: Sequence[CellSummary], landings: Sequence[FlownLanding], heading: str
+) -> str:
+    """The report as one HTML text, pictures inside.
+
+    Args:
+        plan: the campaign.
+        cells: of `summarise`, at least one.
+        landings: all of them.
+        heading: of the page.
+
+    Raises:
+        ImportError: the viz extra is not installed.
+    """
+    weighted = plan.importance is not None
+    bad = [landing for landing in landings if not landing.has(GOOD)]
+    seeds = [{landing.seed: landing for landing in bad if landing.outcome == outcome} for outcome in Outcome]
+    by_outcome = [[*of.values()][:LISTED] for of in seeds]
+    environment = Environment(
+        loader=FileSystemLoader(TEMPLATES), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+    )
+    return environment.get_template("campaign.html").render(
+        heading=heading,
+        subtitle=f"seen by {plan.landing.sight} · deckline {__version__} · {date.today()}",
+        style=Markup((REPORT_TEMPLATES / "report.css").read_text(encoding="utf-8")),
+        cards=list(_cards(plan, landings)),
+        figures=list(_figures(plan, landings)),
+        tables=summary_tables(cells, weighted),
+        notes=[NOTES, *([WEIGHTED_NOTE] if weighted else [])],
+        failures=[
+            (_words(each.outcome), each.seed, name_cell(_rounded(each.settings))) for of in by_outcome for each in of
+        ],
+        failed=len(bad),
+        listed=LISTED,
+        settings=[(name, value) for name, value in _plan_rows(plan)],
+    )
+
+
+def group_landings(plan: CampaignPlan, landings: Sequence[FlownLanding]) -> list[Group]:
+    """Landings by visibility and sea state; bands where these are drawn. Groups without landings are left out."""
+    greatest = None if plan.importance is None else plan.importance.greatest_weight
+    grouped: dict[tuple[Any, Any], list[FlownLanding]] = {}
+    for landing in landings:
+        key = tuple(_group(plan, landing, name) for name in BANDS)
+        grouped.setdefault((key[0], key[1]), []).append(landing)
+    return [
+        (axis[1], series[1], summarise_group(members, {}, greatest))
+        for (axis, series), members in sorted(grouped.items())
+    ]
+
+
+def _group(plan: CampaignPlan, landing: FlownLanding, name: str) -> tuple[float, str]:
+    """What groups are sorted by, and the group's name."""
+    if plan.importance is not None and plan.importance.name == name:
+        return 0.0, "as it occurs"  # its weights are of the whole distribution, not of a band
+    value = float(landing.settings.get(name, getattr(plan.landing, name)))  # "inf" is clear air
+    if name not in plan.ranges:
+        return value, f"{value:g}"
+    edges = np.array(BANDS[name])
+    number = int(np.searchsorted(edges, value, side="right")) - 1
+    low, high = edges[number], edges[min(number + 1, len(edges) - 1)]
+    return float(low), f"{low:g} to {high:g}" if np.isfinite(high) else f"from {low:g}"
+
+
+def _figures(plan: CampaignPlan, landings: Sequence[FlownLanding]) -> Iterator[tuple[str, str, str]]:
+    """Title, picture and caption."""
+    yield (
+        "Touchdowns on the deck",
+        draw_touchdowns(plan, landings),
+        "Hook at first contact; the aircraft comes from the left. Cross: touchdown point; grey bars: wires.",
+    )
+    yield (
+        "Dispersion by cell",
+        draw_dispersion(plan, landings),
+        "Ellipses that hold 95 % of normally distributed touchdowns; plus: mean. Both axes have their own scale.",
+    )
+    yield (
+        "Outcomes by visibility and sea state",
+        draw_shares(group_landings(plan, landings), "visibility, m", "sea state"),
+        "Share of landings with 95 % interval.",
+    )
+
+
+def _cards(plan: CampaignPlan, landings: Sequence[FlownLanding]) -> Iterator[tuple[str, str, str]]:
+    greatest = None if plan.importance is None else plan.importance.greatest_weight
+    whole = summarise_group(landings, {}, greatest)
+    detail = f"of {plan.landings * len(plan.cells):,} planned, {len(plan.cells)} cells"
+    yield "Landings", f"{whole.landings:,}", detail
+    if greatest is not None:
+        yield "Effective landings", f"{whole.effective:,.0f}", "weighted"
+    good = whole.shares[GOOD]
+    interval = f"95 % interval {100 * good.low:.3g} to {100 * good.high:.3g} %"
+    yield "Boarded or rightly waved off", f"{100 * good.value:.3g} %", interval
+    for label, event in (("Ramp strikes", Outcome.RAMP_STRIKE), ("Misleading", MISLEADING)):
+        share = whole.shares[event]
+        yield label, f"{share.hits:,}", f"{100 * share.value:.3g} %, at most {100 * share.at_most:.3g} %"
+    down = whole.touchdown
+    if down.along_m is not None and down.across_m is not None:
+        yield "Touchdown, 1-sigma", f"{down.along_m[1]:.1f} m", f"along; across {down.across_m[1]:.2f} m"
+
+
+def _plan_rows(plan: CampaignPlan) -> Iterator[tuple[str, str]]:
+    table = plan.as_json()
+    for name, value in table.items():
+        if isinstance(value, dict):
+            yield from ((f"{name}.{key}", str(item)) for key, item in value.items())
+        elif value is not None:
+            yield name, str(value)
+
+
+def _rounded(settings: dict[str, Any]) -> dict[str, Any]:
+    return {name: f"{value:.4g}" if isinstance(value, float) else value for name, value in settings.items()}
+
+
+def _words(outcome: str) -> str:
+    return outcome.replace("_", " ")

@@ -1,0 +1,84 @@
+"""`deckline campaign`."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from deckline.atomic import write_atomic
+from deckline.files import print_line, printable
+from deckline_lab.campaigns.landings import check_landing, fly_landing
+from deckline_lab.campaigns.plan import read_plan
+from deckline_lab.campaigns.report import REPORT_FILE, campaign_html
+from deckline_lab.campaigns.runner import run_campaign
+from deckline_lab.campaigns.summary import (
+    NOTES,
+    SUMMARY_FILE,
+    WEIGHTED_NOTE,
+    read_landings,
+    summarise,
+    summary_json,
+    summary_tables,
+)
+from deckline_lab.evaluation.tables import made_with, print_tables
+from deckline_sim.processes import Jobs, RayCluster, process_count
+
+
+def campaign(
+    plan: tyro.conf.Positional[Path],
+    out: Path,
+    ray: Annotated[tuple[str, ...] | None, tyro.conf.arg(metavar="[ADDRESS]", help_behavior_hint="")] = None,
+    jobs: int = 0,
+) -> int:
+    """Fly a campaign of landings, and write what it adds up to.
+
+    A stopped campaign goes on where it was when the same command is given again; finished shards are not flown again.
+
+    Args:
+        plan: TOML file of the campaign.
+        out: folder of the shards, summary.json and report.html.
+        ray: fly as Ray tasks, on the cluster at ADDRESS (HOST:PORT, or auto), without it on one that is started here.
+        jobs: processes, without --ray; 0: one for every core.
+    """
+    flown, workers = read_plan(plan), choose_workers(ray, jobs)
+    run_campaign(flown, out, fly_landing, check_landing, workers)
+    landings = read_landings(flown, out)
+    cells, weighted = summarise(flown, landings), flown.importance is not None
+    title = f"{plan.stem}: {len(landings)} landings, {len(cells)} cells, seen by {flown.landing.sight}"
+    tables, notes = summary_tables(cells, weighted), [NOTES, *([WEIGHTED_NOTE] if weighted else [])]
+    print_tables(title, made_with(), tables, notes)
+    summary = {"title": title, "made_with": made_with(), **summary_json(cells)}
+    write_atomic(out / SUMMARY_FILE, (json.dumps(summary, indent=1, allow_nan=False) + "\n").encode())
+    print(printable(out / SUMMARY_FILE))
+    try:
+        page = campaign_html(flown, cells, landings, plan.stem)
+    except ImportError as error:
+        print_line(f"no {REPORT_FILE}: {error}")
+        return 0
+    write_atomic(out / REPORT_FILE, page.encode())
+    print(printable(out / REPORT_FILE))
+    return 0
+
+
+def choose_workers(ray: tuple[str, ...] | None, jobs: int) -> Jobs:
+    """Who flies.
+
+    Raises:
+        ValueError: more than one address, or negative jobs.
+    """
+    process_count(jobs)
+    if ray is None:
+        return jobs
+    if len(ray) > 1:
+        raise ValueError(f"--ray takes one address, got {' '.join(ray)}")
+    return RayCluster(*ray)
+
+
+COMMANDS = {"campaign": campaign}
+EXAMPLES = {
+    "deckline campaign": (
+        "deckline campaign examples/campaigns/fog.toml --out fog",
+        "deckline campaign examples/campaigns/fog.toml --out fog --ray 10.0.0.1:6379",
+    ),
+}

@@ -1,0 +1,76 @@
+"""`deckline campaign`."""
+
+import json
+
+import numpy as np
+import pytest
+
+from deckline.cli.main import main
+from deckline_lab.campaigns import landings
+from deckline_lab.cli import campaign
+from deckline_lab.cli.campaign import choose_workers
+from deckline_sim.landing.touchdown import Outcome
+from deckline_sim.processes import RayCluster
+
+PLAN = """
+landings = 6
+shard = 4
+[landing]
+sight = "guidance"
+[factors]
+sea_state = [2, 4]
+"""
+
+
+class Flown:
+    def record(self):
+        nothing = dict.fromkeys(("beyond_aim_m", "right_m", "sink_m_s", "first_ok_m"))
+        return {"outcome": str(Outcome.WAVE_OFF), "called_for": True, "misleading": 0, **nothing}
+
+
+@pytest.fixture
+def plan(tmp_path):
+    path = tmp_path / "fog.toml"
+    path.write_text(PLAN)
+    return path
+
+
+def test_a_campaign_writes_summary_and_report(tmp_path, plan, monkeypatch, capsys):
+    pytest.importorskip("matplotlib")
+    monkeypatch.setattr(campaign, "fly_landing", lambda config, seed: Flown())
+    monkeypatch.setattr(campaign, "check_landing", lambda config: None)
+    out = tmp_path / "out"
+    assert main(["campaign", str(plan), "--out", str(out), "--jobs", "1"]) == 0
+    cells = json.loads((out / "summary.json").read_text())["cells"]
+    assert [cell["settings"] for cell in cells] == [{"sea_state": 2}, {"sea_state": 4}]
+    assert cells[0]["shares"]["good"]["hits"] == 6
+    assert np.isclose(cells[0]["shares"]["ramp_strike"]["at_most"], 1 - 0.05 ** (1 / 6))
+    assert str(out / "report.html") in capsys.readouterr().out
+
+
+def test_one_line_for_a_plan_that_cannot_be_flown(tmp_path, plan, monkeypatch, capsys):
+    monkeypatch.setattr(landings, "SIGHTS", {"points": None})
+    assert main(["campaign", str(plan), "--out", str(tmp_path / "out")]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "sight" in line
+    assert "guidance" in line
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_aircraft_that_cannot_be_trimmed(tmp_path, plan, monkeypatch, capsys):
+    pytest.importorskip("jsbsim")
+    monkeypatch.setattr(landings, "SIGHTS", {"guidance": None})
+    plan.write_text(PLAN.replace("[factors]", 'aircraft = "f15"\n[factors]'))
+    assert main(["campaign", str(plan), "--out", str(tmp_path / "out")]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "f15" in line
+
+
+def test_workers():
+    assert choose_workers(None, 3) == 3
+    assert choose_workers((), 0) == RayCluster("")
+    assert choose_workers(("head:6379",), 0) == RayCluster("head:6379")
+    with pytest.raises(ValueError, match="a b"):
+        choose_workers(("a", "b"), 0)
+    with pytest.raises(ValueError, match=r"jobs.*-1"):
+        choose_workers((), -1)
