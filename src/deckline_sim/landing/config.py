@@ -87,6 +87,8 @@ class LandingConfig:
             raise ValueError(f"ship must be one of {ships}, got {self.ship!r}")
         if not self.visibility_m > 0:
             raise ValueError(f"visibility_m must be positive, got {self.visibility_m}")
+        if self.guidance == "picture" and self.sight == "guidance":
+            raise ValueError("sight 'guidance' does not model guidance 'picture': use sight 'points' or 'rendered'")
         check_numbers(self, "", "sea_state", least=0.0, most=6.0)
         check_numbers(self, "", "ship_speed_m_s", least=0.0, most=20.0)
         check_numbers(self, "", "wind_m_s", least=0.0, most=25.0)

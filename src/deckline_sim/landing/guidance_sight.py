@@ -31,17 +31,12 @@ class GuidanceSight:
     """Draws status, errors and protection levels of guidance from a model; a `Sight`.
 
     Args:
-        config: what the landing is flown in; guidance by picture alone is not modelled.
+        config: what the landing is flown in.
         seed: of the landing.
         model: None: the shipped one.
-
-    Raises:
-        ValueError: guidance by picture alone.
     """
 
     def __init__(self, config: LandingConfig, seed: int, model: GuidanceModel | None = None) -> None:
-        if config.guidance == "picture":
-            raise ValueError("guidance by picture is not modelled, got sight 'guidance': use points or rendered")
         self.surroundings = surroundings(config, seed)
         self.model = model or read_guidance_model()
         self.condition = GRADES.index(config.navigation), int(config.sea_state >= ROUGH_SEA)

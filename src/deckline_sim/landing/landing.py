@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from deckline.flight import Flight
 from deckline.types import Guidance, Status
 from deckline_sim.flight.approach import closing_speed
-from deckline_sim.landing.air import Gusts, steady_wind, wake
+from deckline_sim.landing.air import Gusts, wake
 from deckline_sim.landing.aircraft import APPROACHES, DYNAMICS_HZ, Aircraft, AircraftState, Controls
 from deckline_sim.landing.autopilot import DECISION_M, Autopilot, WaveOff, in_window
 from deckline_sim.landing.config import LandingConfig
@@ -148,15 +148,15 @@ class Sights:
                 sight.close()
 
 
-def start_aircraft(scene: Surroundings, wind_m_s: NDArray[np.float64]) -> Aircraft:
-    """The aircraft trimmed on the glideslope, some metres beside it, in wind (3,), world, m/s.
+def start_aircraft(scene: Surroundings) -> Aircraft:
+    """The aircraft trimmed on the glideslope, some metres beside it.
 
     Raises:
         ValueError: a model that cannot be trimmed, or wind and ship too fast for it.
     """
     config, deck, slope = scene.config, scene.deck, scene.run.approach.slope
     lateral, vertical = np.random.default_rng([scene.seed, START]).normal(0.0, START_SIGMA_M)
-    along, ship = deck.landing_direction, deck.velocity_m_s
+    along, ship, wind_m_s = deck.landing_direction, deck.velocity_m_s, scene.wind_m_s
     speed = APPROACHES[config.aircraft].airspeed_m_s
     closing = closing_speed(along, ship[:2], wind_m_s[:2], speed)
     through_air = ship[:2] + closing * along - wind_m_s[:2]
@@ -194,8 +194,7 @@ class _Pass:
     def __init__(self, scene: Surroundings, sights: Sights) -> None:
         config, deck = scene.config, scene.deck
         self.config, self.scene, self.sights = config, scene, sights
-        wind = steady_wind(deck.landing_direction, config.wind_m_s, config.wind_from_deg)
-        self.aircraft = aircraft = start_aircraft(scene, wind)
+        self.aircraft = aircraft = start_aircraft(scene)
         self.points_m = np.array([scene.run.approach.point_m, *aircraft.wheels_m])  # hook first
         self.gusts = Gusts(config.wind_m_s * config.turbulence, np.random.default_rng([scene.seed, AIR]))
         self.autopilot = Autopilot(
@@ -207,7 +206,7 @@ class _Pass:
         )
         self.along: list[float] = deck.landing_direction.tolist()
         self.ramp_m, self.ship_m_s = deck.centre_line(0.0, steady=True)[0].tolist(), deck.velocity_m_s.tolist()
-        self.over_deck_m_s = float((deck.velocity_m_s - wind)[:2] @ deck.landing_direction)
+        self.over_deck_m_s = float((deck.velocity_m_s - scene.wind_m_s)[:2] @ deck.landing_direction)
         self.waiting: deque[tuple[float, Guidance, AircraftState]] = deque()
         self.answers = AnswerCount()
         self.samples: list[Sample] = []

@@ -14,6 +14,7 @@ from deckline.types import Frame, RunwayPrior, Truth
 from deckline_sim.camera.measure import measure_pose, miscalibrate
 from deckline_sim.config import MotionConfig, NavigationConfig
 from deckline_sim.flight.viewpoints import ShipMotion, draw_motion, steady_pose, steady_velocity
+from deckline_sim.landing.air import steady_wind
 from deckline_sim.landing.aircraft import APPROACHES
 from deckline_sim.landing.config import LandingConfig
 from deckline_sim.landing.deck import Deck
@@ -39,6 +40,8 @@ class Surroundings:
     """Of the landing."""
     deck: Deck
     """The ship under way."""
+    wind_m_s: NDArray[np.float64]
+    """(3,) over the water, world, m/s."""
     run: RunConfig
     """What the aircraft knows of its sensors, the deck and the approach."""
     navigation: NavigationConfig
@@ -58,7 +61,8 @@ def surroundings(config: LandingConfig, seed: int) -> Surroundings:
     sensors = GRADES[config.navigation]
     camera = Camera.from_fov(config.camera.width, config.camera.height, np.deg2rad(config.camera.fov_deg))
     mount = camera_mount(mount=Rotation.from_euler("y", -MOUNT_DOWN_DEG, degrees=True))
-    return Surroundings(config, seed, deck, run, navigation_unit(sensors), camera, mount)
+    wind = steady_wind(deck.landing_direction, config.wind_m_s, config.wind_from_deg)
+    return Surroundings(config, seed, deck, wind, run, navigation_unit(sensors), camera, mount)
 
 
 def ship_motion(config: LandingConfig, seed: int) -> ShipMotion:

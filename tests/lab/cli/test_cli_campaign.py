@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from deckline.cli.main import main
-from deckline_lab.campaigns import landings
 from deckline_lab.cli import campaign
 from deckline_lab.cli.campaign import choose_workers
 from deckline_sim.landing.touchdown import Outcome
@@ -48,18 +47,17 @@ def test_a_campaign_writes_summary_and_report(tmp_path, plan, monkeypatch, capsy
     assert str(out / "report.html") in capsys.readouterr().out
 
 
-def test_one_line_for_a_plan_that_cannot_be_flown(tmp_path, plan, monkeypatch, capsys):
-    monkeypatch.setattr(landings, "SIGHTS", {"points": None})
+def test_one_line_for_a_plan_that_cannot_be_flown(tmp_path, plan, capsys):
+    plan.write_text(PLAN.replace("[factors]", 'guidance = "picture"\n[factors]'))
     assert main(["campaign", str(plan), "--out", str(tmp_path / "out")]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "sight" in line
-    assert "guidance" in line
+    assert "picture" in line
     assert not (tmp_path / "out").exists()
 
 
-def test_an_aircraft_that_cannot_be_trimmed(tmp_path, plan, monkeypatch, capsys):
+def test_an_aircraft_that_cannot_be_trimmed(tmp_path, plan, capsys):
     pytest.importorskip("jsbsim")
-    monkeypatch.setattr(landings, "SIGHTS", {"guidance": None})
     plan.write_text(PLAN.replace("[factors]", 'aircraft = "f15"\n[factors]'))
     assert main(["campaign", str(plan), "--out", str(tmp_path / "out")]) == 2
     (line,) = capsys.readouterr().err.splitlines()
