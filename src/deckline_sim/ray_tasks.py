@@ -33,7 +33,13 @@ class RayPool:
     """
 
     def __init__(self, task: Callable[[Any], Any], address: str) -> None:
-        here = {"num_cpus": process_count(0), "object_store_memory": OBJECT_STORE_BYTES, "include_dashboard": False}
+        # Without `local` Ray joins whatever cluster runs on this machine, or ran there last.
+        here = {
+            "address": "local",
+            "num_cpus": process_count(0),
+            "object_store_memory": OBJECT_STORE_BYTES,
+            "include_dashboard": False,
+        }
         where: dict[str, Any] = {"address": address} if address else here
         try:
             ray.init(**where, log_to_driver=False, logging_level=logging.ERROR)
