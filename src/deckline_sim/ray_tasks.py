@@ -33,6 +33,7 @@ class RayPool:
     """
 
     def __init__(self, task: Callable[[Any], Any], address: str) -> None:
+        # Without `local` Ray joins whatever cluster runs on this machine, or ran there last.
         here = {
             "address": "local",
             "num_cpus": process_count(0),
