@@ -56,8 +56,9 @@ def surroundings(config: LandingConfig, seed: int) -> Surroundings:
     """The surroundings of the landing of a seed."""
     ship = load_class(config.ship)
     layout, motion = class_layout(ship), ship_motion(config, seed)
-    run = run_config(config, layout, motion)
-    deck = Deck(layout, motion, run.approach.touchdown_m, ship.plan.wires_m or WIRES_M)
+    wires = ship.plan.wires_m or WIRES_M
+    run = run_config(config, layout, motion, aim_m(wires))
+    deck = Deck(layout, motion, run.approach.touchdown_m, wires)
     sensors = GRADES[config.navigation]
     camera = Camera.from_fov(config.camera.width, config.camera.height, np.deg2rad(config.camera.fov_deg))
     mount = camera_mount(mount=Rotation.from_euler("y", -MOUNT_DOWN_DEG, degrees=True))
@@ -71,7 +72,12 @@ def ship_motion(config: LandingConfig, seed: int) -> ShipMotion:
     return draw_motion(MotionConfig(config.sea_state, config.ship_speed_m_s), False, rng)
 
 
-def run_config(config: LandingConfig, layout: Layout, motion: ShipMotion) -> RunConfig:
+def aim_m(wires_m: tuple[float, ...]) -> float:
+    """Where the hook should come down, m beyond the ramp: before the last wire but one, in the middle to the next."""
+    return float(np.mean(wires_m[-3:-1]))
+
+
+def run_config(config: LandingConfig, layout: Layout, motion: ShipMotion, touchdown_m: float) -> RunConfig:
     """What the aircraft knows: its sensors' accuracy, the sea state, the runway's width and the ship's velocity."""
     along, left, right = (line[1] - line[0] for line in (layout.centre_m, layout.left_m, layout.right_m))
     across = layout.right_m[0] - layout.left_m[0]
@@ -85,7 +91,7 @@ def run_config(config: LandingConfig, layout: Layout, motion: ShipMotion) -> Run
         angle_deg=float(np.rad2deg(angle)),
         ship_velocity_m_s=(float(north), float(east)) if has_datalink else None,
     )
-    approach = Approach(point_m=APPROACHES[config.aircraft].hook_m)
+    approach = Approach(touchdown_m=touchdown_m, point_m=APPROACHES[config.aircraft].hook_m)
     return RunConfig(GRADES[config.navigation], deck, approach=approach, models=Models(detector=config.detector))
 
 
