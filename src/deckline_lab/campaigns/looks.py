@@ -76,7 +76,8 @@ def moment_at(path: ApproachPath, time_s: float) -> Moment:
 
 def fly_looks(scene: Surroundings, sight: Sight) -> list[dict[str, Any]]:
     """The looks of a way to see along an approach; the points of those that have them are left out."""
-    return [look_record(scene, moment, sight.see(moment), None) for moment in approach_moments(scene)]
+    seen = ((moment, sight.see(moment)) for moment in approach_moments(scene))
+    return [look_record(scene, moment, found, None) for moment, found in seen if found is not None]
 
 
 def look_record(scene: Surroundings, moment: Moment, found: Guidance, detection: Detection | None) -> dict[str, Any]:

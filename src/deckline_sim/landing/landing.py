@@ -178,8 +178,10 @@ def fly(config: LandingConfig, seed: int, sights: Sights | None = None) -> Landi
         sights: what guides it; None: those that the configuration names.
 
     Raises:
-        ValueError: an aircraft that cannot be trimmed, or wind and ship too fast for it.
+        ValueError: a fault without sights that have it, an aircraft that cannot be trimmed, or wind and ship too fast.
     """
+    if sights is None and config.fault is not None:
+        raise ValueError(f"fault {config.fault!r} needs sights that have it: fly it in a campaign")
     used = sights or Sights.of_config(config, seed)
     try:
         return _Pass(surroundings(config, seed), used).fly()
@@ -240,10 +242,13 @@ class _Pass:
         state = self.aircraft.state
         moment = Moment(self.time_s, state.world_from_body, np.array(state.velocity_m_s), np.array(state.rates_rad_s))
         answer = self.sights.picture.see(moment)
-        self.waiting.append((self.time_s + self.config.camera.latency_s, answer, state))
-        self.answers.add(answer, self._truth(state, self.time_s))
+        if answer is not None:
+            self.waiting.append((self.time_s + self.config.camera.latency_s, answer, state))
+            self.answers.add(answer, self._truth(state, self.time_s))
         if self.sights.navigation is not None and not self.autopilot.has_picture(self.time_s):
-            self.autopilot.hear(self.sights.navigation.see(moment), state, is_of_picture=False)
+            known = self.sights.navigation.see(moment)
+            if known is not None:
+                self.autopilot.hear(known, state, is_of_picture=False)
 
     def _steer(self) -> Controls:
         while self.waiting and self.waiting[0][0] <= self.time_s:

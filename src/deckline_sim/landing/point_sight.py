@@ -6,11 +6,11 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.config import Tracking
+from deckline.config import RunConfig, Tracking
 from deckline.dehaze.base import IdentityDehazer
 from deckline.detect.crop import Box
 from deckline.flight import Flight, FrameResult
-from deckline.types import Detection, Guidance
+from deckline.types import Detection, Frame, Guidance
 from deckline_sim.landing.config import LandingConfig
 from deckline_sim.landing.detection_model import DetectionModel, read_detection_model
 from deckline_sim.landing.modelled_detector import ModelledDetector
@@ -38,12 +38,15 @@ class PointSight:
         config: what the landing is flown in.
         seed: of the landing.
         model: of the detector; None: the shipped one.
+        run: what the aircraft is told in place of the truth; None: what is so.
     """
 
-    def __init__(self, config: LandingConfig, seed: int, model: DetectionModel | None = None) -> None:
+    def __init__(
+        self, config: LandingConfig, seed: int, model: DetectionModel | None = None, run: RunConfig | None = None
+    ) -> None:
         self.surroundings = surroundings(config, seed)
-        run = replace(self.surroundings.run, tracking=NO_PICTURE)
-        self.flight = Flight(run, IdentityDehazer(), NoDetector())
+        told = replace(run or self.surroundings.run, tracking=NO_PICTURE)
+        self.flight = Flight(told, IdentityDehazer(), NoDetector())
         is_dark = config.time_of_day != "day"
         rng = np.random.default_rng([seed, DETECTIONS])
         self.detector = ModelledDetector(model or read_detection_model(), is_dark, config.visibility_m, rng)
@@ -63,10 +66,17 @@ class PointSight:
 
     def see(self, moment: Moment) -> Guidance:
         """The guidance of a drawn detection; `result` then holds all that the chain made of it."""
+        return self.answer(*self.draw(moment))
+
+    def draw(self, moment: Moment) -> tuple[Frame, Detection]:
+        """The moment's frame, and the points that a detector might find in its picture."""
         scene = self.surroundings
         layout = scene.deck.moved_layout(moment.time_s)
         camera_pose = moment.world_from_body * scene.body_from_camera
         detection = self.detector.detect(moment.time_s, truth_segments(layout), camera_pose, scene.camera)
-        frame = measured_frame(scene, moment, self.image_rgb)
+        return measured_frame(scene, moment, self.image_rgb), detection
+
+    def answer(self, frame: Frame, detection: Detection) -> Guidance:
+        """The guidance of the flight's next frame."""
         self.result = self.flight(frame, detection=detection, rng=self.rng)
         return self.result.guidance

@@ -34,8 +34,11 @@ class Moment:
 class Sight(Protocol):
     """The eyes of one landing: called with its moments in their order."""
 
-    def see(self, moment: Moment) -> Guidance:
-        """Where the aircraft is relative to the deck, as it knows it from this moment and those before."""
+    def see(self, moment: Moment) -> Guidance | None:
+        """Where the aircraft is relative to the deck, as it knows it from this moment and those before.
+
+        None: no answer came.
+        """
         ...
 
 
