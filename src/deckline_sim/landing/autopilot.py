@@ -33,9 +33,11 @@ IDLE = 0.05  # least throttle
 DECISION_M = 350.0  # to the touchdown point
 PATIENCE_S = 0.8
 COMMITTED_M = 90.0  # to the touchdown point: nearer, breaking off comes too late
-WINDOW_RAD = (math.radians(2.0), math.radians(1.0))  # lateral and vertical deviation, at the touchdown point
-WINDOW_M = (3.0, 1.5)  # the same, at least
-LEVEL_M = (6.0, 3.5)  # lateral and vertical protection level
+WINDOW = (3.0, 1.5), (math.radians(2.0), math.radians(1.0))  # lateral and vertical deviation: at least m, and rad
+LEVELS = (
+    (4.0, 2.5),
+    (math.radians(2.0), math.radians(1.2)),
+)  # the same of protection levels; the ramp is cleared by 3.5 m
 GO_AROUND_PITCH_RAD = math.radians(6.0)  # above trim
 USABLE = (Status.OK, Status.UNVERIFIED)
 
@@ -75,13 +77,22 @@ class Autopilot:
         slope: height per distance of the glideslope.
         rate_hz: of `fly`.
         due_s: time of the decision range by dead reckoning, for an aircraft that has heard nothing.
+        has_limits: whether too large protection levels break the pass off.
     """
 
-    def __init__(self, trim: AircraftState, trim_throttle: float, slope: float, rate_hz: float, due_s: float) -> None:
+    def __init__(
+        self,
+        trim: AircraftState,
+        trim_throttle: float,
+        slope: float,
+        rate_hz: float,
+        due_s: float,
+        has_limits: bool = True,
+    ) -> None:
         self.wave_off: WaveOff | None = None
         self.flown: Guidance | None = None  # the guidance that is followed
         self._trim, self._throttle, self._slope = trim, trim_throttle, slope
-        self._step_s, self._due_s = 1 / rate_hz, due_s
+        self._step_s, self._due_s, self._has_limits = 1 / rate_hz, due_s, has_limits
         self._path_integral = self._speed_integral = 0.0
         self._at_exposure: AircraftState | None = None
         self._ok: Guidance | None = None  # the last `ok` answer of the picture
@@ -144,7 +155,9 @@ class Autopilot:
         if time_s - ok.time_s > PATIENCE_S:
             return WaveOff.LOST
         level = ok.protection
-        if level is None or level.lateral_m > LEVEL_M[0] or level.vertical_m > LEVEL_M[1]:
+        if self._has_limits and (
+            level is None or not _is_within(LEVELS, level.lateral_m, level.vertical_m, found.to_go_m)
+        ):
             return WaveOff.LEVEL
         return None if in_window(found.lateral_m, found.height_m, found.to_go_m) else WaveOff.WINDOW
 
@@ -174,8 +187,14 @@ class Autopilot:
 
 def in_window(lateral_m: float, height_m: float, to_go_m: float) -> bool:
     """Whether an aircraft so far right of the centre line and above the glideslope may go on."""
-    limits = (max(least, math.tan(angle) * to_go_m) for least, angle in zip(WINDOW_M, WINDOW_RAD, strict=True))
-    return all(abs(off) <= limit for off, limit in zip((lateral_m, height_m), limits, strict=True))
+    return _is_within(WINDOW, lateral_m, height_m, to_go_m)
+
+
+def _is_within(
+    limits: tuple[tuple[float, float], tuple[float, float]], lateral_m: float, height_m: float, to_go_m: float
+) -> bool:
+    largest = (max(least, math.tan(angle) * to_go_m) for least, angle in zip(*limits, strict=True))
+    return all(abs(off) <= limit for off, limit in zip((lateral_m, height_m), largest, strict=True))
 
 
 def _bank(found: Deviations) -> float:

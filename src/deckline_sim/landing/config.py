@@ -72,6 +72,8 @@ class LandingConfig:
     """How the picture is seen: rendered, as modelled points through deckline, or as modelled guidance."""
     detector: str = "hybrid"
     """Name of the line detector, or the path of an .onnx file; models of sights belong to one detector."""
+    level_limits: bool = True
+    """Whether a protection level that is too large breaks the pass off."""
     fault: str | None = None
     """A fault of the integrity campaign; None: none."""
 

@@ -204,6 +204,7 @@ class _Pass:
             aircraft.trim_throttle,
             scene.run.approach.slope,
             rate_hz=DYNAMICS_HZ / AUTOPILOT_EVERY,
+            has_limits=config.level_limits,
             due_s=(config.start_m + scene.deck.touchdown_m - DECISION_M) / aircraft.state.airspeed_m_s,
         )
         self.along: list[float] = deck.landing_direction.tolist()
