@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
-from scipy.stats import multivariate_normal, norm
+from scipy.special import owens_t
+from scipy.stats import norm
 
 from deckline.geometry import Camera
 from deckline.types import SIDES, LinePoints
@@ -35,6 +36,8 @@ TIMES_S = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.0)  # time constants tried, s
 ROWS_PX = (0.1, 0.3, 0.5, 0.8, 1.2, 1.8, 2.5, 4.0)  # rows tried, px
 SLOW_SHARES = (0.0, 0.2, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)  # of a variance that changes slowly, tried
 SLOW_S = (0.3, 0.6, 1.2, 2.5, 5.0, 10.0, 20.0, 40.0)  # its time constants tried, s
+TINY = 1e-9  # in place of a zero that is divided by
+LEAST_SCORE = 0.05  # 1-sigma of an offset or a slope, in reported 1-sigmas
 MOST_SCORE = 2.5  # in reported 1-sigmas, beyond which an error counts as so large
 MOST_STEPS = 2.0  # of the nearest point from the true end
 LAGS = (1, 2, 4, 8, 16, 32)  # looks
@@ -197,14 +200,24 @@ def pair_likelihood(
     total = 0.0
     for seen, mean, at in zip(both, latent, seconds, strict=True):
         for lag in LAGS:
-            for i in range(0, len(seen) - lag, 2):
-                if max(abs(mean[i]), abs(mean[i + lag])) > UNSURE:
-                    continue
-                rho = share + (1.0 - share) * float(np.exp(-(at[i + lag] - at[i]) / time_s))
-                signs = np.where([seen[i], seen[i + lag]], 1.0, -1.0)
-                covariance = [[1.0, signs.prod() * rho], [signs.prod() * rho, 1.0]]
-                total += float(np.log(max(multivariate_normal.cdf(signs * mean[[i, i + lag]], cov=covariance), 1e-6)))
+            first, second = mean[:-lag], mean[lag:]
+            unsure = np.maximum(np.abs(first), np.abs(second)) <= UNSURE
+            rho = share + (1.0 - share) * np.exp(-(at[lag:] - at[:-lag]) / time_s)
+            signs = np.where(np.stack([seen[:-lag], seen[lag:]]), 1.0, -1.0)
+            chance = both_below(signs[0] * first, signs[1] * second, signs[0] * signs[1] * rho)
+            total += float(np.log(np.maximum(chance[unsure], 1e-6)).sum())
     return total
+
+
+def both_below(h: Array, k: Array, rho: Array) -> Array:
+    """Chance that two standard normal variables of correlation rho lie below h and k.
+
+    Source: Owen, "Tables for computing bivariate normal probabilities", 1956, equation 3.9.
+    """
+    h, k, rho = np.where(h == 0.0, TINY, h), np.where(k == 0.0, TINY, k), np.clip(rho, -0.9999, 0.9999)
+    root = np.sqrt(1.0 - rho**2)
+    rest = owens_t(h, (k / h - rho) / root) + owens_t(k, (h / k - rho) / root)
+    return np.asarray((norm.cdf(h) + norm.cdf(k)) / 2 - rest - np.where(h * k < 0.0, 0.5, 0.0))
 
 
 def fit_errors(lines: Sequence[LineLook]) -> LineErrors:
@@ -217,8 +230,11 @@ def fit_errors(lines: Sequence[LineLook]) -> LineErrors:
     in_range = [float(start + value) for value in solved[: len(RANGE_M)]]
     spread = float(np.std(values - start - basis @ solved))
     outward = mean_table(lines, RANGE_M, by_range, lambda line: OUTWARD[line.side] * line.slope)
-    offset, white = (rms_table(lines, name) for name in ("offset", "white"))
-    slope = rms_table([replace(x, slope=x.slope - expected_slope(x, outward)) for x in lines], "slope")
+    rows = min(ROWS_PX, key=lambda rows: sum((x.correlation - np.exp(-x.step_px / rows)) ** 2 for x in lines))
+    offset = rms_table(lines, "offset", lambda line: noise_of_mean(line, rows))
+    centred = [replace(line, slope=line.slope - expected_slope(line, outward)) for line in lines]
+    slope = rms_table(centred, "slope", lambda line: 3.0 * noise_of_mean(line, rows))
+    white = rms_table(lines, "white", lambda line: 0.0)
     share, seconds = fit_memory(lines, offset, slope, outward)
     return LineErrors(
         tuple(in_range),
@@ -230,7 +246,7 @@ def fit_errors(lines: Sequence[LineLook]) -> LineErrors:
         slope,
         outward,
         white,
-        min(ROWS_PX, key=lambda rows: sum((x.correlation - np.exp(-x.step_px / rows)) ** 2 for x in lines)),
+        rows,
         share,
         seconds,
     )
@@ -352,7 +368,19 @@ def mean_table(
     return tuple(means.tolist())
 
 
-def rms_table(lines: Sequence[LineLook], name: str) -> tuple[float, ...]:
-    """Root mean squares of a field over `RANGE_M`."""
+def rms_table(lines: Sequence[LineLook], name: str, noise: Callable[[LineLook], float]) -> tuple[float, ...]:
+    """Root mean squares of a field over `RANGE_M`, without the variance that the noise of single points gives it."""
     squares = mean_table(lines, RANGE_M, by_range, lambda line: clip(float(getattr(line, name))) ** 2)
-    return tuple(float(np.sqrt(square)) for square in squares)
+    of_noise = mean_table(lines, RANGE_M, by_range, noise)
+    return tuple(
+        float(np.sqrt(max(square - other, LEAST_SCORE**2))) for square, other in zip(squares, of_noise, strict=True)
+    )
+
+
+def noise_of_mean(line: LineLook, rows_px: float) -> float:
+    """Variance of a line's mean error by the correlated noise of its points; a fitted slope's is three times as large.
+
+    Source: of a first-order autoregression, Priestley, "Spectral Analysis and Time Series", 1981, section 5.3.
+    """
+    correlation = float(np.exp(-line.step_px / rows_px))
+    return line.white**2 * (1.0 + correlation) / (1.0 - correlation) / line.points

@@ -126,7 +126,7 @@ def test_points_are_not_seen_through_thick_haze() -> None:
 
 
 def test_picture_alone_has_no_pose() -> None:
-    with PointSight(replace(EXACT, guidance="picture", sea_state=0.0), 5, exact_detector()) as sight:
+    with PointSight(replace(EXACT, guidance="picture", sea_state=0.0, navigation="good"), 5, exact_detector()) as sight:
         found = [sight.see(moment_at(sight.surroundings, t)) for t in np.arange(0.0, 3.0, 0.1)][-1]
     assert found.pose_source is PoseSource.PICTURE
     assert sight.result is not None
@@ -157,7 +157,8 @@ def test_guidance_repeats_with_its_seed_and_is_not_seen_far_off() -> None:
     assert fly(5) == fly(5) != []
     assert fly(5) != fly(6)
     far = GuidanceSight(replace(EXACT, visibility_m=300.0), 5)
-    assert far.see(moment_at(far.surroundings, 0.0, 600.0)).status is Status.NOT_SEEN
+    answers = [far.see(moment_at(far.surroundings, 0.1 * k, 900.0)).status for k in range(20)]
+    assert answers.count(Status.NOT_SEEN) > 15
 
 
 def test_guidance_errors_have_the_spread_of_their_table() -> None:
@@ -171,7 +172,7 @@ def test_guidance_errors_have_the_spread_of_their_table() -> None:
 
 
 def test_guidance_refuses_the_picture_alone() -> None:
-    with pytest.raises(ValueError, match="guidance.*picture"):
+    with pytest.raises(ValueError, match=r"guidance.*picture"):
         GuidanceSight(replace(EXACT, guidance="picture"), 5)
 
 
@@ -182,7 +183,7 @@ def test_guidance_tables_have_their_shape() -> None:
 
 def test_detection_tables_have_their_length() -> None:
     model = read_detection_model()
-    with pytest.raises(ValueError, match="offset.*6.*2"):
+    with pytest.raises(ValueError, match=r"offset.*6.*2"):
         replace(model, errors=replace(model.errors, offset=(0.1, 0.2)))
 
 
