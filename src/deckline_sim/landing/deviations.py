@@ -100,7 +100,10 @@ def centre_line(layout: Layout, motion: ShipMotion, touchdown_m: float, steady: 
 
 @dataclass(frozen=True, eq=False)
 class Deviations:
-    """Where an aircraft is relative to a centre line, and how that changes."""
+    """Where an aircraft is relative to a centre line, and how that changes.
+
+    The height's rate has the deck's rise; the other two are relative to the ship under way, without its swing.
+    """
 
     lateral_m: float
     """To the right of the centre line, m."""

@@ -14,7 +14,7 @@ from deckline_lab.campaigns.fit_guidance import Looks, fit_guidance, fit_transit
 from deckline_lab.campaigns.looks import approach_moments, look_record, read_looks, write_looks
 from deckline_sim.flight.viewpoints import ship_pose
 from deckline_sim.landing.config import LandingCamera, LandingConfig
-from deckline_sim.landing.detection_model import read_detection_model
+from deckline_sim.landing.detection_model import DetectionModel, read_detection_model
 from deckline_sim.landing.guidance_model import DEPTHS, GRADES, SCORES, STATUSES
 from deckline_sim.landing.guidance_sight import GuidanceSight
 from deckline_sim.landing.modelled_detector import ModelledDetector, latent_mean
@@ -25,10 +25,10 @@ from deckline_sim.ship.truth import truth_segments
 CONFIG = LandingConfig(start_m=600.0, visibility_m=900.0, camera=LandingCamera(rate_hz=5.0), sea_state=0.0)
 
 
-def drawn_flight(seed: int) -> FlightLooks:
-    """One approach whose detections the shipped model draws."""
+def drawn_flight(model: DetectionModel, seed: int) -> FlightLooks:
+    """One approach whose detections a model draws."""
     scene, looks = surroundings(CONFIG, seed), []
-    detector = ModelledDetector(read_detection_model(), False, CONFIG.visibility_m, np.random.default_rng(seed))
+    detector = ModelledDetector(model, False, CONFIG.visibility_m, np.random.default_rng(seed))
     sight = NavigationSight(CONFIG, seed)
     for moment in approach_moments(scene):
         lines = truth_segments(scene.layout.at_pose(ship_pose(scene.layout, scene.motion, moment.time_s)))
@@ -39,11 +39,13 @@ def drawn_flight(seed: int) -> FlightLooks:
 
 
 def test_the_fit_gives_the_errors_back_that_drew_its_lines() -> None:
-    model = read_detection_model()
-    found = fit_detection([drawn_flight(seed) for seed in range(5)], 5.0)
+    shipped = read_detection_model()
+    model = replace(shipped, errors=replace(shipped.errors, slow_share=0.0))  # every look tells anew
+    found = fit_detection([drawn_flight(model, seed) for seed in range(3)], 5.0)
     at = slice(2, 4)  # distances with many looks
     np.testing.assert_allclose(found.errors.log_sigma[at], model.errors.log_sigma[at], atol=0.4)
-    np.testing.assert_allclose(found.errors.offset[at], model.errors.offset[at], rtol=0.5)
+    np.testing.assert_allclose(found.errors.offset[at], model.errors.offset[at], rtol=0.25)
+    np.testing.assert_allclose(found.errors.slope[at], model.errors.slope[at], rtol=0.25)
     np.testing.assert_allclose(found.errors.white[at], model.errors.white[at], rtol=0.15)
     assert found.false_lines.per_s == 0.0
 
