@@ -1,14 +1,15 @@
 """Fit `detection_model` to the looks of rendered flights."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from itertools import product
+from dataclasses import dataclass, replace
+from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
-from scipy.stats import multivariate_normal, norm
+from scipy.special import owens_t
+from scipy.stats import norm
 
 from deckline.geometry import Camera
 from deckline.types import SIDES, LinePoints
@@ -22,7 +23,7 @@ from deckline_sim.landing.detection_model import (
     LineErrors,
     Presence,
 )
-from deckline_sim.landing.modelled_detector import latent_mean, visible_ends
+from deckline_sim.landing.modelled_detector import OUTWARD, latent_mean, visible_ends
 from deckline_sim.landing.surroundings import Surroundings
 from deckline_sim.ship.truth import truth_segments
 
@@ -32,7 +33,12 @@ LEAST_POINTS = 4  # of a line whose slope counts
 SHARES = (0.0, 0.1, 0.2, 0.3, 0.5, 0.7)  # of a variance that a flight keeps, tried
 TIMES_S = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.0)  # time constants tried, s
 ROWS_PX = (0.1, 0.3, 0.5, 0.8, 1.2, 1.8, 2.5, 4.0)  # rows tried, px
-MOST_STEPS = 5.0  # of the nearest point from the true end
+SLOW_SHARES = (0.0, 0.2, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)  # of a variance that changes slowly, tried
+SLOW_S = (0.3, 0.6, 1.2, 2.5, 5.0, 10.0, 20.0, 40.0)  # its time constants tried, s
+TINY = 1e-9  # in place of a zero that is divided by
+LEAST_SCORE = 0.05  # 1-sigma of an offset or a slope, in reported 1-sigmas
+MOST_SCORE = 2.5  # in reported 1-sigmas, beyond which an error counts as so large
+MOST_STEPS = 2.0  # of the nearest point from the true end
 LAGS = (1, 2, 4, 8, 16, 32)  # looks
 UNSURE = 2.5  # latent means within which a pair of looks tells of its correlation
 FALSE_DEFAULT = (0.5, 3.0)  # mean time, s, and 1-sigma, m, of false lines where the flights have none; our choice
@@ -193,14 +199,24 @@ def pair_likelihood(
     total = 0.0
     for seen, mean, at in zip(both, latent, seconds, strict=True):
         for lag in LAGS:
-            for i in range(0, len(seen) - lag, 2):
-                if max(abs(mean[i]), abs(mean[i + lag])) > UNSURE:
-                    continue
-                rho = share + (1.0 - share) * float(np.exp(-(at[i + lag] - at[i]) / time_s))
-                signs = np.where([seen[i], seen[i + lag]], 1.0, -1.0)
-                covariance = [[1.0, signs.prod() * rho], [signs.prod() * rho, 1.0]]
-                total += float(np.log(max(multivariate_normal.cdf(signs * mean[[i, i + lag]], cov=covariance), 1e-6)))
+            first, second = mean[:-lag], mean[lag:]
+            unsure = np.maximum(np.abs(first), np.abs(second)) <= UNSURE
+            rho = share + (1.0 - share) * np.exp(-(at[lag:] - at[:-lag]) / time_s)
+            signs = np.where(np.stack([seen[:-lag], seen[lag:]]), 1.0, -1.0)
+            chance = both_below(signs[0] * first, signs[1] * second, signs[0] * signs[1] * rho)
+            total += float(np.log(np.maximum(chance[unsure], 1e-6)).sum())
     return total
+
+
+def both_below(h: Array, k: Array, rho: Array) -> Array:
+    """Chance that two standard normal variables of correlation rho lie below h and k.
+
+    Source: Owen, "Tables for computing bivariate normal probabilities", 1956, equation 3.9.
+    """
+    h, k, rho = np.where(h == 0.0, TINY, h), np.where(k == 0.0, TINY, k), np.clip(rho, -0.9999, 0.9999)
+    root = np.sqrt(1.0 - rho**2)
+    rest = owens_t(h, (k / h - rho) / root) + owens_t(k, (h / k - rho) / root)
+    return np.asarray((norm.cdf(h) + norm.cdf(k)) / 2 - rest - np.where(h * k < 0.0, 0.5, 0.0))
 
 
 def fit_errors(lines: Sequence[LineLook]) -> LineErrors:
@@ -212,51 +228,111 @@ def fit_errors(lines: Sequence[LineLook]) -> LineErrors:
     solved = np.linalg.solve(basis.T @ basis + ridge, basis.T @ (values - start))
     in_range = [float(start + value) for value in solved[: len(RANGE_M)]]
     spread = float(np.std(values - start - basis @ solved))
-    offset, slope, white = (rms_table(lines, name) for name in ("offset", "slope", "white"))
-    share, seconds = fit_memory(lines, offset, slope)
+    outward = mean_table(lines, RANGE_M, by_range, lambda line: OUTWARD[line.side] * line.slope)
+    rows = min(ROWS_PX, key=lambda rows: sum((x.correlation - np.exp(-x.step_px / rows)) ** 2 for x in lines))
+    offset = rms_table(lines, "offset", lambda line: noise_of_mean(line, rows))
+    centred = [replace(line, slope=line.slope - expected_slope(line, outward)) for line in lines]
+    slope = rms_table(centred, "slope", lambda line: 3.0 * noise_of_mean(line, rows))
+    white = rms_table(lines, "white", lambda line: 0.0)
+    share, seconds = fit_memory(lines, offset, slope, outward)
     return LineErrors(
         tuple(in_range),
         (0.0, *(float(value) for value in solved[len(RANGE_M) :])),
         spread,
-        mean_table(lines, RANGE_M, lambda line: line.range_m, lambda line: line.log_sigma_rows),
+        mean_table(lines, RANGE_M, by_range, lambda line: line.log_sigma_rows),
         offset,
+        offset_between(lines, offset),
         slope,
+        outward,
         white,
-        min(ROWS_PX, key=lambda rows: sum((x.correlation - np.exp(-x.step_px / rows)) ** 2 for x in lines)),
+        rows,
         share,
         seconds,
     )
 
 
-def fit_memory(lines: Sequence[LineLook], offset: Sequence[float], slope: Sequence[float]) -> tuple[float, float]:
-    """Share of the variance that a flight keeps and time constant of the rest, s, by the mean products at lags."""
+def by_range(line: LineLook) -> float:
+    """The distance of a look, m."""
+    return line.range_m
+
+
+def expected_slope(line: LineLook, outward: Sequence[float]) -> float:
+    """The mean slope of a line at its distance, in reported 1-sigmas."""
+    return OUTWARD[line.side] * value_at(line, outward)
+
+
+def offset_between(lines: Sequence[LineLook], offset: Sequence[float]) -> tuple[float, ...]:
+    """Correlation of the offsets of both lines over `RANGE_M`, none below 0."""
+    pairs = both_lines(lines)
+    products = {id(left): clip(left.offset) * clip(right.offset) / value_at(left, offset) ** 2 for left, right in pairs}
+    table = mean_table([left for left, _ in pairs], RANGE_M, by_range, lambda line: products[id(line)])
+    return tuple(np.clip(table, 0.0, 0.95).tolist())
+
+
+def both_lines(lines: Sequence[LineLook]) -> list[tuple[LineLook, LineLook]]:
+    """Left and right of the looks that have both."""
+    found: dict[tuple[int, float], dict[int, LineLook]] = {}
+    for line in lines:
+        found.setdefault((line.flight, line.time_s), {})[line.side] = line
+    return [(pair[0], pair[1]) for pair in found.values() if len(pair) == len(SIDES)]
+
+
+def clip(score: float) -> float:
+    """A score with rare large values cut, which would rule a variance."""
+    return min(max(score, -MOST_SCORE), MOST_SCORE)
+
+
+def fit_memory(
+    lines: Sequence[LineLook], offset: Sequence[float], slope: Sequence[float], outward: Sequence[float]
+) -> tuple[float, float]:
+    """Share of the variance that changes slowly and its time constant, s, by the mean products at lags."""
     products: list[tuple[float, float]] = []
     for key in {(line.flight, line.side) for line in lines}:
         own = [line for line in lines if (line.flight, line.side) == key]
-        for name, table in (("offset", offset), ("slope", slope)):
-            scores = [getattr(line, name) / np.interp(line.range_m, RANGE_M, table) for line in own]
+        offsets = [clip(line.offset) / value_at(line, offset) for line in own]
+        slopes = [clip(line.slope - expected_slope(line, outward)) / value_at(line, slope) for line in own]
+        for scores in (offsets, slopes):
             for lag in LAGS:
                 pairs = range(len(own) - lag)
                 products += [(own[i + lag].time_s - own[i].time_s, scores[i] * scores[i + lag]) for i in pairs]
-    apart, product_of = np.array(products).T
+    apart, found = np.array(products).T
 
     def loss(share: float, seconds: float) -> float:
-        expected = share + (1.0 - share) * np.exp(-apart / seconds)
-        return float(np.sum((np.clip(product_of, -4.0, 4.0) - expected) ** 2))
+        return float(np.sum((found - share * np.exp(-apart / seconds)) ** 2))
 
-    return min(product(SHARES, TIMES_S), key=lambda pair: loss(*pair))
+    return min(product(SLOW_SHARES, SLOW_S), key=lambda pair: loss(*pair))
 
 
 def fit_extent(lines: Sequence[LineLook]) -> Extent:
-    """Mean numbers and shares over the distance in visibilities."""
+    """Which rows have points, by distance, and how the nearest point's place is correlated."""
 
     def table(part: Callable[[LineLook], float]) -> tuple[float, ...]:
         return mean_table(lines, DEPTHS, lambda line: line.depth, part)
 
-    near = np.clip([line.near_steps for line in lines], -MOST_STEPS, MOST_STEPS)
-    return Extent(
-        table(lambda line: line.points), float(np.mean(near)), float(np.std(near)), table(lambda line: line.far)
-    )
+    near = mean_table(lines, RANGE_M, by_range, steps)
+    squares = mean_table(lines, RANGE_M, by_range, lambda line: (steps(line) - value_at(line, near)) ** 2)
+    spread = tuple(float(np.sqrt(square)) for square in squares)
+
+    def score(line: LineLook) -> float:
+        return (steps(line) - value_at(line, near)) / value_at(line, spread)
+
+    pairs = np.array([[score(left), score(right)] for left, right in both_lines(lines)])
+    between = float(np.clip(np.corrcoef(pairs.T)[0, 1], 0.0, 1.0))
+    ordered = sorted(lines, key=lambda line: (line.flight, line.side, line.time_s))
+    same = [pair for pair in pairwise(ordered) if pair[0].flight == pair[1].flight and pair[0].side == pair[1].side]
+    new = float(np.mean([(score(then) - score(first)) ** 2 / 2 for first, then in same]))
+    slow = min(max(1.0 - new, 0.0), 1.0)
+    return Extent(table(lambda line: line.points), near, spread, between, slow, table(lambda line: line.far))
+
+
+def steps(line: LineLook) -> float:
+    """Rows of the nearest point from the true end, with rare large values cut."""
+    return min(max(line.near_steps, -MOST_STEPS), MOST_STEPS)
+
+
+def value_at(line: LineLook, table: Sequence[float]) -> float:
+    """A table over `RANGE_M` at a look's distance."""
+    return float(np.interp(line.range_m, RANGE_M, table))
 
 
 def fit_false_lines(lines: Sequence[LineLook], rate_hz: float) -> FalseLines:
@@ -291,7 +367,19 @@ def mean_table(
     return tuple(means.tolist())
 
 
-def rms_table(lines: Sequence[LineLook], name: str) -> tuple[float, ...]:
-    """Root mean squares of a field over `RANGE_M`."""
-    squares = mean_table(lines, RANGE_M, lambda line: line.range_m, lambda line: float(getattr(line, name)) ** 2)
-    return tuple(float(np.sqrt(square)) for square in squares)
+def rms_table(lines: Sequence[LineLook], name: str, noise: Callable[[LineLook], float]) -> tuple[float, ...]:
+    """Root mean squares of a field over `RANGE_M`, without the variance that the noise of single points gives it."""
+    squares = mean_table(lines, RANGE_M, by_range, lambda line: clip(float(getattr(line, name))) ** 2)
+    of_noise = mean_table(lines, RANGE_M, by_range, noise)
+    return tuple(
+        float(np.sqrt(max(square - other, LEAST_SCORE**2))) for square, other in zip(squares, of_noise, strict=True)
+    )
+
+
+def noise_of_mean(line: LineLook, rows_px: float) -> float:
+    """Variance of a line's mean error by the correlated noise of its points; a fitted slope's is three times as large.
+
+    Source: of a first-order autoregression, Priestley, "Spectral Analysis and Time Series", 1981, section 5.3.
+    """
+    correlation = float(np.exp(-line.step_px / rows_px))
+    return line.white**2 * (1.0 + correlation) / (1.0 - correlation) / line.points

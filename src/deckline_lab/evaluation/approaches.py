@@ -14,7 +14,6 @@ import cv2
 import numpy as np
 import tyro
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 from scipy.spatial.transform import RigidTransform
 
 from deckline.checks import check_numbers
@@ -28,6 +27,7 @@ from deckline.options import RunOptions
 from deckline.types import Detection, Frame, LinePoints, Segment, Truth
 from deckline_lab.rivals.classical import ClassicalDetector
 from deckline_sim.camera.measure import miscalibrate
+from deckline_sim.landing.modelled_detector import correlated_noise
 
 if TYPE_CHECKING:
     from deckline_sim import SimConfig
@@ -266,13 +266,6 @@ def draw_points(
     inside = (u >= 0) & (u <= camera.width - 1)
     points = np.column_stack([u, rows])[inside]
     return LinePoints(points, np.full(len(points), 0.9), np.full(len(points), noise.sigma_px))
-
-
-def correlated_noise(count: int, correlation: float, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Unit-variance noise (N,) whose neighbours have a correlation: a first-order autoregression."""
-    white = rng.standard_normal(count)
-    white[1:] *= np.sqrt(1.0 - correlation**2)
-    return np.asarray(lfilter([1.0], [1.0, -correlation], white))
 
 
 def sparse_depth(

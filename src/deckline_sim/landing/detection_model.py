@@ -16,7 +16,7 @@ from deckline.config_file import config_from_table
 MODEL_FILE = Path(__file__).with_name("detection_model.json")
 RANGE_M = (20.0, 100.0, 250.0, 500.0, 900.0, 1300.0)  # knots of tables over the distance to the ramp
 DEPTHS = (0.5, 0.8, 1.0, 1.2)  # knots of tables over that distance in visibilities
-BY_RANGE = ("log_sigma", "log_sigma_rows", "offset", "slope", "white")  # tables of errors over `RANGE_M`
+BY_RANGE = ("log_sigma", "log_sigma_rows", "offset", "offset_between", "slope", "slope_outward", "white")  # of errors
 SIZE_PX = 20.0  # apparent width of the runway at the ramp where the size has no effect
 
 
@@ -54,28 +54,36 @@ class LineErrors:
     """Its change from a line's middle to its near end."""
     offset: tuple[float, ...]
     """1-sigma of the offset, in reported 1-sigmas."""
+    offset_between: tuple[float, ...]
+    """Correlation of the offsets of both lines."""
     slope: tuple[float, ...]
     """1-sigma of the error at the near end beside the offset's, in reported 1-sigmas."""
+    slope_outward: tuple[float, ...]
+    """Mean of that error, positive away from the runway, in reported 1-sigmas."""
     white: tuple[float, ...]
     """1-sigma of single points, in reported 1-sigmas."""
     rows_px: float
     """Rows over which the errors of single points are correlated, px."""
-    flight_share: float
-    """Share of the variance of offset and slope that a flight keeps."""
+    slow_share: float
+    """Share of the variances of offset, slope and reported 1-sigma that changes slowly; the rest is new."""
     correlation_s: float
-    """Time constant of the rest, s."""
+    """Time constant of the slow part, s."""
 
 
 @dataclass(frozen=True)
 class Extent:
-    """Which rows of a line have points; tables are over `DEPTHS`."""
+    """Which rows of a line have points; tables are over `DEPTHS` unless they say otherwise."""
 
     points: tuple[float, ...]
     """Points of a line."""
-    near_steps: float
-    """Mean distance of the nearest point from the line's near end, in rows between neighbouring points."""
-    near_steps_spread: float
-    """Its 1-sigma, in the same unit."""
+    near_steps: tuple[float, ...]
+    """Mean distance of the nearest point from the line's near end, in rows between points, over `RANGE_M`."""
+    near_steps_spread: tuple[float, ...]
+    """Its 1-sigma, likewise."""
+    near_between: float
+    """Its correlation between both lines."""
+    near_slow_share: float
+    """Share of its variance that changes slowly, with the time constant of the errors."""
     far: tuple[float, ...]
     """Mean share of the line's rows that is missing at its far end."""
 
@@ -114,6 +122,7 @@ class DetectionModel:
                 for name in ("log_sigma", "log_sigma_rows", "offset", "slope", "white")
             ),
             (self.errors, "log_sigma_depth", len(DEPTHS)),
+            *((self.extent, name, len(RANGE_M)) for name in ("near_steps", "near_steps_spread")),
             *((self.extent, name, len(DEPTHS)) for name in ("points", "far")),
         ):
             if len(getattr(part, name)) != count:

@@ -31,7 +31,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Deviations:
-    """Where an aircraft is relative to a centre line, and how that changes."""
+    """Where an aircraft is relative to a centre line, and how that changes.
+
+    The height's rate has the deck's rise; the other two are relative to the ship under way, without its swing.
+    """
 
     lateral_m: float
     """To the right of the centre line, m."""

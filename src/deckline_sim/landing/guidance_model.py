@@ -27,7 +27,7 @@ QUANTITIES = (
 LEVELS = QUANTITIES[:4]  # that have a protection level
 STATUSES = (Status.NOT_SEEN, Status.UNVERIFIED, Status.OK, Status.ONE_LINE, Status.COASTING, Status.STALE)
 RANGE_M = (0.0, 50.0, 150.0, 300.0, 500.0, 800.0, 1200.0)  # centres of the tables' bands
-DEPTHS = (0.0, 0.1, 0.3, 0.5, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2)  # lower ends of bands of range over visibility
+DEPTHS = (0.0, 0.1, 0.3, 0.5, 0.7, 0.8, 0.9, 1.0, 1.1, 1.2, 1.3, 1.4)  # lower ends of bands of range over visibility
 SCORES = (-2.576, -1.645, -0.674, 0.0, 0.674, 1.645, 2.576)  # normal scores of the 0.5, 5, 25, ... 99.5 % quantiles
 
 

@@ -13,15 +13,15 @@ Array = NDArray[np.float64]
 MIN_AHEAD_M = 1.0  # of the camera: what is nearer is cut
 MIN_ROWS_PX = 1.0  # of a line in the image; shorter ones are not found
 MOST_TRIMMED = 0.8  # share of a line's rows, at its far end
+SCORES = ("offset", "slope", "nearest point", "reported sigma")
+OUTWARD = (-1.0, 1.0)  # sign of an error away from the runway, of the left and the right line
 CONFIDENCE = 0.9  # of every modelled point
 
 
 class LineState:
-    """What a line's errors keep from look to look: scores of unit variance of offset, slope and reported sigma."""
+    """What a line's errors keep from look to look."""
 
-    def __init__(self, rng: np.random.Generator) -> None:
-        self.kept: Array = rng.standard_normal(3)  # all flight long
-        self.now: Array = rng.standard_normal(3)  # correlated in time
+    def __init__(self) -> None:
         self.false_s = 0.0  # time that it goes on being another line
         self.false_m = 0.0  # distance of that line to the right
 
@@ -43,7 +43,9 @@ class ModelledDetector:
         self.rng = rng
         self.kept = float(rng.standard_normal())  # of the latent variable
         self.now = float(rng.standard_normal())
-        self.lines = (LineState(rng), LineState(rng))
+        self.lines = (LineState(), LineState())
+        self.slow: Array = rng.standard_normal((3, len(SCORES)))  # scores of left, right and what both share
+        self.new: Array = rng.standard_normal((3, len(SCORES)))
         self.time_s: float | None = None
 
     def detect(
@@ -67,7 +69,7 @@ class ModelledDetector:
             ends_m = camera_from_world.apply(np.stack([lines[side].p0_m, lines[side].p1_m]))
             ends_px = visible_ends(camera, ends_m) if is_found else None
             if ends_px is not None:
-                points[side] = self._draw(self.lines[side], ends_px, range_m, camera)
+                points[side] = self._draw(side, ends_px, range_m, camera)
         return Detection(points[0], points[1])
 
     def _advance(self, passed_s: float) -> None:
@@ -75,8 +77,9 @@ class ModelledDetector:
         kept = float(np.exp(-passed_s / presence.correlation_s))
         self.now = kept * self.now + np.sqrt(1.0 - kept**2) * float(self.rng.standard_normal())
         kept = float(np.exp(-passed_s / errors.correlation_s))
+        self.slow = kept * self.slow + np.sqrt(1.0 - kept**2) * self.rng.standard_normal(self.slow.shape)
+        self.new = self.rng.standard_normal(self.new.shape)
         for line in self.lines:
-            line.now = kept * line.now + np.sqrt(1.0 - kept**2) * self.rng.standard_normal(3)
             line.false_s -= passed_s
             if line.false_s <= 0.0 and self.rng.random() < false.per_s * passed_s:
                 line.false_s = float(self.rng.exponential(false.seconds))
@@ -90,22 +93,32 @@ class ModelledDetector:
         latent += float(np.sqrt(share) * self.kept + np.sqrt(1.0 - share) * self.now)
         if latent > 0.0:
             return True, True
-        is_left = bool(self.lines[0].now[2] > self.lines[1].now[2])
+        is_left = bool(self.slow[0, 0] > self.slow[1, 0])
         return (is_left, not is_left) if latent > -presence.one_line else (False, False)
 
-    def _draw(self, state: LineState, ends_px: Array, range_m: float, camera: Camera) -> LinePoints:
+    def _scores(self, side: int, range_m: float) -> Array:
+        """Scores of unit variance of a line's `SCORES` in this picture."""
+        errors = self.model.errors
+        slow = np.array([errors.slow_share, errors.slow_share, self.model.extent.near_slow_share, errors.slow_share])
+        scores = np.sqrt(slow) * self.slow + np.sqrt(1.0 - slow) * self.new
+        offset = float(np.interp(range_m, RANGE_M, errors.offset_between))
+        between = np.array([offset, 0.0, self.model.extent.near_between, 1.0])
+        mixed: Array = np.sqrt(1.0 - between) * scores[side] + np.sqrt(between) * scores[2]
+        return mixed
+
+    def _draw(self, side: int, ends_px: Array, range_m: float, camera: Camera) -> LinePoints:
         """Points of a line with these visible ends."""
-        errors, depth = self.model.errors, range_m / self.visibility_m
-        share = self._draw_shares(depth)
+        errors, depth, state = self.model.errors, range_m / self.visibility_m, self.lines[side]
+        offset, slope, nearest, spread = self._scores(side, range_m)
+        share = self._draw_shares(depth, range_m, float(nearest))
         along = 1.0 - 2.0 * (share - share[0]) / max(share[-1] - share[0], 1e-9)  # 1 at the near end, -1 at the far one
         u, v, inverse_m = (start + share * (end - start) for start, end in zip(*ends_px, strict=True))
-        kept = np.sqrt(errors.flight_share)
-        offset, slope, spread = kept * state.kept + np.sqrt(1.0 - errors.flight_share) * state.now
         middle = np.interp(range_m, RANGE_M, errors.log_sigma) + np.interp(depth, DEPTHS, errors.log_sigma_depth)
         middle_px = float(np.exp(middle + errors.log_sigma_spread * spread))
         sigma = middle_px * np.exp(along * np.interp(range_m, RANGE_M, errors.log_sigma_rows))
         common = offset * np.interp(range_m, RANGE_M, errors.offset)
         tilt = slope * np.interp(range_m, RANGE_M, errors.slope)
+        tilt += OUTWARD[side] * np.interp(range_m, RANGE_M, errors.slope_outward)
         step_px = abs(float(v[0] - v[-1])) / (len(v) - 1)
         white = correlated_noise(len(v), float(np.exp(-step_px / errors.rows_px)), self.rng)
         u = u + middle_px * (common + tilt * along) + sigma * white * np.interp(range_m, RANGE_M, errors.white)
@@ -115,12 +128,13 @@ class ModelledDetector:
         points = np.column_stack([u, v])[is_inside]
         return LinePoints(points, np.full(len(points), CONFIDENCE), sigma[is_inside])
 
-    def _draw_shares(self, depth: float) -> Array:
+    def _draw_shares(self, depth: float, range_m: float, nearest: float) -> Array:
         """Where a line has points, as shares of the way from its near to its far end."""
         extent = self.model.extent
         whole = float(np.interp(depth, DEPTHS, extent.points))
         far = min(float(self.rng.exponential(np.interp(depth, DEPTHS, extent.far))), MOST_TRIMMED)
-        near = (extent.near_steps + extent.near_steps_spread * float(self.rng.standard_normal())) / whole
+        mean, sigma = (np.interp(range_m, RANGE_M, table) for table in (extent.near_steps, extent.near_steps_spread))
+        near = min(float(mean + sigma * nearest) / whole, MOST_TRIMMED - far / 2)
         return np.linspace(near, 1.0 - far, max(round(whole * (1.0 - near - far)), 2))
 
 

@@ -1,0 +1,232 @@
+"""Ways to see: exact models give the truth back, the same seed gives the same answers."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import RigidTransform
+
+from deckline.geometry import attitude
+from deckline.truth import true_guidance
+from deckline.types import Guidance, PoseSource, Status
+from deckline_sim.flight.viewpoints import deck_rise, runway_point, steady_pose
+from deckline_sim.landing.config import LandingConfig
+from deckline_sim.landing.detection_model import DEPTHS, RANGE_M, DetectionModel, read_detection_model
+from deckline_sim.landing.deviations import centre_line, deviations
+from deckline_sim.landing.guidance_model import GuidanceModel, read_guidance_model
+from deckline_sim.landing.guidance_sight import GuidanceSight
+from deckline_sim.landing.navigation_sight import NavigationSight
+from deckline_sim.landing.point_sight import PointSight
+from deckline_sim.landing.rendered_sight import RenderedSight
+from deckline_sim.landing.sight import Moment
+from deckline_sim.landing.surroundings import Surroundings, empty_picture, measured_frame, surroundings
+
+EXACT = LandingConfig(navigation="exact", visibility_m=1000.0, start_m=600.0)
+SPEED_M_S = 55.0  # over the deck
+
+
+def moment_at(scene: Surroundings, time_s: float, range_m: float = 400.0) -> Moment:
+    """On the glideslope of the steady ship, 2 m right of the centre line, nose 4 degrees up and 1 to the right."""
+    layout = scene.layout.at_pose(steady_pose(scene.layout, scene.motion, time_s))
+    along = range_m - SPEED_M_S * time_s
+    place = runway_point(layout, -along, 2.0, (along + 70.0) * np.tan(np.deg2rad(3.5)))
+    ramp, far = runway_point(layout, 0.0), runway_point(layout, 100.0)
+    yaw = np.arctan2(far[1] - ramp[1], far[0] - ramp[0]) + np.deg2rad(1.0)
+    body = RigidTransform.from_components(place, attitude(0.01, np.deg2rad(4.0), yaw))
+    forward = (far - ramp) / 100.0
+    velocity = SPEED_M_S * forward + scene.layout.world_from_ship.rotation.apply([scene.motion.speed_m_s, 0.0, 0.0])
+    return Moment(time_s, body, velocity + [0.0, 0.0, SPEED_M_S * np.tan(np.deg2rad(3.5))], np.zeros(3))
+
+
+def truth_at(scene: Surroundings, moment: Moment) -> Guidance:
+    truth = true_guidance(measured_frame(scene, moment, empty_picture(scene.camera)), scene.run.approach)
+    assert truth is not None
+    return truth
+
+
+def numbers(found: Guidance) -> tuple[float, float, float, float]:
+    parts = (
+        found.lateral_deviation_m,
+        found.height_above_deck_m,
+        found.heading_error_rad,
+        found.distance_to_ramp_m,
+    )
+    assert all(part is not None for part in parts)
+    return tuple(part.value for part in parts if part is not None)  # type: ignore[return-value]
+
+
+def exact_detector() -> DetectionModel:
+    """Everything in view is found without error."""
+    model, none = read_detection_model(), (0.0,) * len(RANGE_M)
+    errors = replace(
+        model.errors,
+        log_sigma=(-2.0,) * len(RANGE_M),
+        log_sigma_depth=(0.0,) * len(DEPTHS),
+        log_sigma_spread=0.0,
+        offset=none,
+        slope=none,
+        slope_outward=none,
+        white=none,
+    )
+    extent = replace(
+        model.extent, near_steps=none, near_steps_spread=none, far=(0.0,) * len(DEPTHS), points=(40.0,) * len(DEPTHS)
+    )
+    presence = replace(model.presence, intercept=100.0, per_visibility=0.0)
+    return replace(model, errors=errors, extent=extent, presence=presence)
+
+
+@pytest.mark.parametrize("sea_state", [0.0, 5.0])
+def test_deviations_are_those_of_true_guidance(sea_state: float) -> None:
+    scene = surroundings(replace(EXACT, sea_state=sea_state), 3)
+    line = centre_line(scene.layout, scene.motion, scene.run.approach.touchdown_m)
+    for time_s in (0.0, 2.5, 6.0):
+        moment = moment_at(scene, time_s)
+        found = deviations(line, time_s, moment.world_from_body, moment.velocity_m_s, scene.run.approach)
+        plain = (found.lateral_m, found.height_m, found.heading_rad, found.distance_m)
+        np.testing.assert_allclose(plain, numbers(truth_at(scene, moment)), atol=1e-3)
+
+
+@pytest.mark.parametrize(("sea_state", "swing_m_s"), [(0.0, 1e-3), (5.0, 0.2)])
+def test_rates_are_the_differences_of_deviations(sea_state: float, swing_m_s: float) -> None:
+    scene, step_s = surroundings(replace(EXACT, sea_state=sea_state), 3), 1e-3
+    line = centre_line(scene.layout, scene.motion, scene.run.approach.touchdown_m)
+    before, now, after = (
+        deviations(line, t, m.world_from_body, m.velocity_m_s, scene.run.approach)
+        for t in (3.0 - step_s, 3.0, 3.0 + step_s)
+        for m in [moment_at(scene, t)]
+    )
+    assert now.height_rate_m_s == pytest.approx((after.height_m - before.height_m) / (2 * step_s), abs=0.01)
+    assert now.closing_m_s == pytest.approx((before.distance_m - after.distance_m) / (2 * step_s), abs=swing_m_s)
+    assert now.lateral_rate_m_s == pytest.approx((after.lateral_m - before.lateral_m) / (2 * step_s), abs=swing_m_s)
+
+
+def test_exact_points_give_the_truth() -> None:
+    config = replace(EXACT, sea_state=0.0)
+    with PointSight(config, 5, exact_detector()) as sight:
+        for time_s in np.arange(0.0, 4.0, 0.1):
+            moment = moment_at(sight.surroundings, float(time_s))
+            found = sight.see(moment)
+    truth = numbers(truth_at(sight.surroundings, moment))
+    assert found.status is Status.OK
+    np.testing.assert_allclose(numbers(found)[:2], truth[:2], atol=0.01)
+
+
+def test_points_repeat_with_their_seed() -> None:
+    def fly(seed: int) -> list[tuple[float, ...]]:
+        with PointSight(replace(EXACT, navigation="good"), seed) as sight:
+            moments = [moment_at(sight.surroundings, t) for t in (0.0, 0.1, 0.2, 0.3)]
+            return [numbers(sight.see(moment)) for moment in moments]
+
+    assert fly(5) == fly(5)
+    assert fly(5) != fly(6)
+
+
+def test_points_are_not_seen_through_thick_haze() -> None:
+    with PointSight(replace(EXACT, visibility_m=100.0), 5) as sight:
+        assert sight.see(moment_at(sight.surroundings, 0.0)).status is Status.NOT_SEEN
+
+
+def test_picture_alone_has_no_pose() -> None:
+    with PointSight(replace(EXACT, guidance="picture", sea_state=0.0, navigation="good"), 5, exact_detector()) as sight:
+        found = [sight.see(moment_at(sight.surroundings, t)) for t in np.arange(0.0, 3.0, 0.1)][-1]
+    assert found.pose_source is PoseSource.PICTURE
+    assert sight.result is not None
+    assert numbers(found)[0] == pytest.approx(2.0, abs=0.3)
+
+
+def exact_guidance() -> GuidanceModel:
+    model = read_guidance_model()
+    always_ok = np.zeros_like(model.transitions)
+    always_ok[..., 2:] = 1.0
+    return replace(model, errors=np.zeros_like(model.errors), transitions=always_ok)
+
+
+def test_exact_guidance_is_the_truth() -> None:
+    sight = GuidanceSight(EXACT, 5, exact_guidance())
+    moment = moment_at(sight.surroundings, 1.0)
+    found = sight.see(moment)
+    assert found.status is Status.OK
+    np.testing.assert_allclose(numbers(found), numbers(truth_at(sight.surroundings, moment)), atol=1e-3)
+
+
+def test_guidance_repeats_with_its_seed_and_is_not_seen_far_off() -> None:
+    def fly(seed: int) -> list[tuple[float, ...]]:
+        sight = GuidanceSight(replace(EXACT, navigation="good"), seed)
+        found = [sight.see(moment_at(sight.surroundings, 0.1 * k)) for k in range(60)]
+        return [numbers(answer) for answer in found if answer.status is Status.OK]
+
+    assert fly(5) == fly(5) != []
+    assert fly(5) != fly(6)
+    far = GuidanceSight(replace(EXACT, visibility_m=300.0), 5)
+    answers = [far.see(moment_at(far.surroundings, 0.1 * k, 900.0)).status for k in range(20)]
+    assert answers.count(Status.NOT_SEEN) > 15
+
+
+def test_guidance_errors_have_the_spread_of_their_table() -> None:
+    model = exact_guidance()
+    errors = np.zeros_like(model.errors) + 0.5 * np.array([-2.576, -1.645, -0.674, 0.0, 0.674, 1.645, 2.576])
+    model = replace(model, errors=errors, mixing=np.eye(7), correlation_s=np.full(7, 0.01))
+    sight = GuidanceSight(EXACT, 5, model)
+    moments = [replace(moment_at(sight.surroundings, 0.0), time_s=0.1 * k) for k in range(800)]
+    heading = np.array([numbers(sight.see(moment))[2] for moment in moments])
+    assert np.std(heading) == pytest.approx(0.5, rel=0.1)
+
+
+def test_guidance_refuses_the_picture_alone() -> None:
+    with pytest.raises(ValueError, match=r"guidance.*picture"):
+        GuidanceSight(replace(EXACT, guidance="picture"), 5)
+
+
+def test_guidance_tables_have_their_shape() -> None:
+    with pytest.raises(ValueError, match=r"levels.*\(3, 2\)"):
+        replace(read_guidance_model(), levels=np.zeros((3, 2)))
+
+
+def test_detection_tables_have_their_length() -> None:
+    model = read_detection_model()
+    with pytest.raises(ValueError, match=r"offset.*6.*2"):
+        replace(model, errors=replace(model.errors, offset=(0.1, 0.2)))
+
+
+def test_navigation_alone_lacks_the_deck_motion() -> None:
+    sight = NavigationSight(replace(EXACT, sea_state=5.0), 5)
+    scene, moment = sight.surroundings, moment_at(surroundings(replace(EXACT, sea_state=5.0), 5), 2.0)
+    found = sight.see(moment)
+    ramp, far = scene.layout.centre_m
+    touchdown = ramp + 70.0 * (far - ramp) / np.linalg.norm(far - ramp)
+    rise_m = deck_rise(scene.layout, scene.motion, 2.0, touchdown)
+    assert found.status is Status.OK
+    assert numbers(found)[1] - numbers(truth_at(scene, moment))[1] == pytest.approx(rise_m, abs=0.01)
+
+
+def test_navigation_repeats_with_its_seed() -> None:
+    config = replace(EXACT, navigation="tactical")
+    first, again, other = (
+        numbers(sight.see(moment_at(sight.surroundings, 1.0)))
+        for sight in (NavigationSight(config, 5), NavigationSight(config, 5), NavigationSight(config, 6))
+    )
+    assert first == again
+    assert abs(first[0] - other[0]) > 1e-3
+
+
+def test_rendered_frames_have_the_mount_and_the_pose() -> None:
+    camera = replace(EXACT.camera, width=320, height=180)
+    with RenderedSight(replace(EXACT, camera=camera, sight="rendered"), 5) as sight:
+        moment = moment_at(sight.surroundings, 0.5)
+        frame = sight.take(moment)
+        same = sight.take(moment)
+    assert frame.world_from_body is not None and frame.truth is not None and frame.truth.left is not None
+    np.testing.assert_allclose(frame.world_from_body.translation, moment.world_from_body.translation)
+    np.testing.assert_array_equal(frame.image_rgb, same.image_rgb)
+    truth = measured_frame(sight.surroundings, moment, empty_picture(sight.surroundings.camera)).truth
+    assert truth is not None and truth.left is not None
+    np.testing.assert_allclose(frame.truth.left.p0_m, truth.left.p0_m, atol=1e-9)
+    ramp_px = frame.camera.project(frame.world_from_camera.inv().apply(frame.truth.left.p0_m[None]))[0]
+    assert 0.3 * camera.height < ramp_px[1] < 0.7 * camera.height
+
+
+@pytest.mark.parametrize(("name", "value"), [("time_s", -1.0), ("velocity_m_s", np.zeros(2))])
+def test_moments_refuse_what_they_cannot_be(name: str, value: object) -> None:
+    moment = moment_at(surroundings(EXACT, 5), 0.0)
+    with pytest.raises(ValueError, match=name):
+        replace(moment, **{name: value})
