@@ -31,7 +31,9 @@ def drawn_flight(model: DetectionModel, seed: int) -> FlightLooks:
     detector = ModelledDetector(model, False, CONFIG.visibility_m, np.random.default_rng(seed))
     sight = NavigationSight(CONFIG, seed)
     for moment in approach_moments(scene):
-        lines = truth_segments(scene.layout.at_pose(ship_pose(scene.layout, scene.motion, moment.time_s)))
+        lines = truth_segments(
+            scene.deck.layout.at_pose(ship_pose(scene.deck.layout, scene.deck.motion, moment.time_s))
+        )
         pose = moment.world_from_body * scene.body_from_camera
         detection = detector.detect(moment.time_s, lines, pose, scene.camera)
         looks.append(look_record(scene, moment, sight.see(moment), detection))
@@ -105,7 +107,7 @@ def test_guidance_fit_has_the_quantiles_and_levels_of_its_looks() -> None:
 
 def test_guidance_fit_refuses_a_condition_without_looks() -> None:
     looks = guidance_looks(np.random.default_rng(3))
-    with pytest.raises(ValueError, match="tactical.*0"):
+    with pytest.raises(ValueError, match=r"tactical.*0"):
         fit_guidance(replace(looks, condition=np.where(looks.condition == 2, 0, looks.condition)), 10.0)
 
 

@@ -12,7 +12,7 @@ from deckline.types import Guidance, PoseSource, Status
 from deckline_sim.flight.viewpoints import deck_rise, runway_point, steady_pose
 from deckline_sim.landing.config import LandingConfig
 from deckline_sim.landing.detection_model import DEPTHS, RANGE_M, DetectionModel, read_detection_model
-from deckline_sim.landing.deviations import centre_line, deviations
+from deckline_sim.landing.deviations import deviations
 from deckline_sim.landing.guidance_model import GuidanceModel, read_guidance_model
 from deckline_sim.landing.guidance_sight import GuidanceSight
 from deckline_sim.landing.navigation_sight import NavigationSight
@@ -27,15 +27,17 @@ SPEED_M_S = 55.0  # over the deck
 
 def moment_at(scene: Surroundings, time_s: float, range_m: float = 400.0) -> Moment:
     """On the glideslope of the steady ship, 2 m right of the centre line, nose 4 degrees up and 1 to the right."""
-    layout = scene.layout.at_pose(steady_pose(scene.layout, scene.motion, time_s))
+    layout = scene.deck.layout.at_pose(steady_pose(scene.deck.layout, scene.deck.motion, time_s))
     along = range_m - SPEED_M_S * time_s
     place = runway_point(layout, -along, 2.0, (along + 70.0) * np.tan(np.deg2rad(3.5)))
     ramp, far = runway_point(layout, 0.0), runway_point(layout, 100.0)
     yaw = np.arctan2(far[1] - ramp[1], far[0] - ramp[0]) + np.deg2rad(1.0)
     body = RigidTransform.from_components(place, attitude(0.01, np.deg2rad(4.0), yaw))
     forward = (far - ramp) / 100.0
-    velocity = SPEED_M_S * forward + scene.layout.world_from_ship.rotation.apply([scene.motion.speed_m_s, 0.0, 0.0])
-    return Moment(time_s, body, velocity + [0.0, 0.0, SPEED_M_S * np.tan(np.deg2rad(3.5))], np.zeros(3))
+    velocity = SPEED_M_S * forward + scene.deck.layout.world_from_ship.rotation.apply(
+        [scene.deck.motion.speed_m_s, 0.0, 0.0]
+    )
+    return Moment(time_s, body, velocity + np.array([0.0, 0.0, SPEED_M_S * np.tan(np.deg2rad(3.5))]), np.zeros(3))
 
 
 def truth_at(scene: Surroundings, moment: Moment) -> Guidance:
@@ -78,10 +80,9 @@ def exact_detector() -> DetectionModel:
 @pytest.mark.parametrize("sea_state", [0.0, 5.0])
 def test_deviations_are_those_of_true_guidance(sea_state: float) -> None:
     scene = surroundings(replace(EXACT, sea_state=sea_state), 3)
-    line = centre_line(scene.layout, scene.motion, scene.run.approach.touchdown_m)
     for time_s in (0.0, 2.5, 6.0):
         moment = moment_at(scene, time_s)
-        found = deviations(line, time_s, moment.world_from_body, moment.velocity_m_s, scene.run.approach)
+        found = deviations(scene.deck, time_s, moment.world_from_body, moment.velocity_m_s, scene.run.approach)
         plain = (found.lateral_m, found.height_m, found.heading_rad, found.distance_m)
         np.testing.assert_allclose(plain, numbers(truth_at(scene, moment)), atol=1e-3)
 
@@ -89,9 +90,8 @@ def test_deviations_are_those_of_true_guidance(sea_state: float) -> None:
 @pytest.mark.parametrize(("sea_state", "swing_m_s"), [(0.0, 1e-3), (5.0, 0.2)])
 def test_rates_are_the_differences_of_deviations(sea_state: float, swing_m_s: float) -> None:
     scene, step_s = surroundings(replace(EXACT, sea_state=sea_state), 3), 1e-3
-    line = centre_line(scene.layout, scene.motion, scene.run.approach.touchdown_m)
     before, now, after = (
-        deviations(line, t, m.world_from_body, m.velocity_m_s, scene.run.approach)
+        deviations(scene.deck, t, m.world_from_body, m.velocity_m_s, scene.run.approach)
         for t in (3.0 - step_s, 3.0, 3.0 + step_s)
         for m in [moment_at(scene, t)]
     )
@@ -174,7 +174,7 @@ def test_guidance_errors_have_the_spread_of_their_table() -> None:
 
 def test_guidance_refuses_the_picture_alone() -> None:
     with pytest.raises(ValueError, match=r"guidance.*picture"):
-        GuidanceSight(replace(EXACT, guidance="picture"), 5)
+        replace(EXACT, guidance="picture", sight="guidance")
 
 
 def test_guidance_tables_have_their_shape() -> None:
@@ -192,9 +192,9 @@ def test_navigation_alone_lacks_the_deck_motion() -> None:
     sight = NavigationSight(replace(EXACT, sea_state=5.0), 5)
     scene, moment = sight.surroundings, moment_at(surroundings(replace(EXACT, sea_state=5.0), 5), 2.0)
     found = sight.see(moment)
-    ramp, far = scene.layout.centre_m
+    ramp, far = scene.deck.layout.centre_m
     touchdown = ramp + 70.0 * (far - ramp) / np.linalg.norm(far - ramp)
-    rise_m = deck_rise(scene.layout, scene.motion, 2.0, touchdown)
+    rise_m = deck_rise(scene.deck.layout, scene.deck.motion, 2.0, touchdown)
     assert found.status is Status.OK
     assert numbers(found)[1] - numbers(truth_at(scene, moment))[1] == pytest.approx(rise_m, abs=0.01)
 
