@@ -35,7 +35,8 @@ def moment_at(scene: Surroundings, time_s: float, range_m: float = 400.0) -> Mom
     body = RigidTransform.from_components(place, attitude(0.01, np.deg2rad(4.0), yaw))
     forward = (far - ramp) / 100.0
     velocity = SPEED_M_S * forward + scene.layout.world_from_ship.rotation.apply([scene.motion.speed_m_s, 0.0, 0.0])
-    return Moment(time_s, body, velocity + [0.0, 0.0, SPEED_M_S * np.tan(np.deg2rad(3.5))], np.zeros(3))
+    sink = np.array([0.0, 0.0, SPEED_M_S * np.tan(np.deg2rad(3.5))])
+    return Moment(time_s, body, velocity + sink, np.zeros(3))
 
 
 def truth_at(scene: Surroundings, moment: Moment) -> Guidance:
