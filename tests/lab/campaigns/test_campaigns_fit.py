@@ -131,7 +131,7 @@ def test_tables_of_equal_flights_agree() -> None:
     scene = surroundings(CONFIG, 3)
     sight = GuidanceSight(CONFIG, 3)
     flight = scene, [look_record(scene, moment, sight.see(moment), None) for moment in approach_moments(scene)]
-    errors = error_table([flight], [flight], ("one", "same"), ("lateral",))
+    errors = error_table([flight] * 4, [flight] * 4, ("one", "same"), ("lateral",))
     assert errors.rows and all(row[-2:] == ("0.00", "1.000") for row in errors.rows)
     statuses = status_table([flight], [flight], ("one", "same"))
     assert all(row[1:4] == row[4:7] for row in statuses.rows)
