@@ -147,7 +147,7 @@ def check(rendered: Path, points: Path) -> None:
         kept = [flight for flight in read_flights(folder) if is_kept_apart(flight[0])]
         again = [fly_again(scene, sight) for scene, _ in kept]
         for table in (error_table(kept, again, names, COMPARED), status_table(kept, again, names)):
-            print(f"{table.title}\n\n{markdown(table)}\n")
+            print(markdown(table), end="\n\n")
 
 
 def fly_again(scene: Surroundings, sight: type[PointSight] | type[GuidanceSight]) -> Flight:

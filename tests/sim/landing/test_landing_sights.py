@@ -37,7 +37,8 @@ def moment_at(scene: Surroundings, time_s: float, range_m: float = 400.0) -> Mom
     velocity = SPEED_M_S * forward + scene.deck.layout.world_from_ship.rotation.apply(
         [scene.deck.motion.speed_m_s, 0.0, 0.0]
     )
-    return Moment(time_s, body, velocity + np.array([0.0, 0.0, SPEED_M_S * np.tan(np.deg2rad(3.5))]), np.zeros(3))
+    sink = np.array([0.0, 0.0, SPEED_M_S * np.tan(np.deg2rad(3.5))])
+    return Moment(time_s, body, velocity + sink, np.zeros(3))
 
 
 def truth_at(scene: Surroundings, moment: Moment) -> Guidance:
@@ -193,7 +194,7 @@ def test_navigation_alone_lacks_the_deck_motion() -> None:
     scene, moment = sight.surroundings, moment_at(surroundings(replace(EXACT, sea_state=5.0), 5), 2.0)
     found = sight.see(moment)
     ramp, far = scene.deck.layout.centre_m
-    touchdown = ramp + 70.0 * (far - ramp) / np.linalg.norm(far - ramp)
+    touchdown = ramp + scene.deck.touchdown_m * (far - ramp) / np.linalg.norm(far - ramp)
     rise_m = deck_rise(scene.deck.layout, scene.deck.motion, 2.0, touchdown)
     assert found.status is Status.OK
     assert numbers(found)[1] - numbers(truth_at(scene, moment))[1] == pytest.approx(rise_m, abs=0.01)
