@@ -235,6 +235,8 @@ class _Pass:
                 ended = self._end(before, now, (step + 1) / DYNAMICS_HZ)
                 if ended is not None:
                     return self._landing(*ended)
+            if self.aircraft.state.position_m[2] > self.scene.deck.layout.sea_z_m:
+                break
             before = now
         return self._landing(Outcome.WATER, None)
 
@@ -308,11 +310,11 @@ class _Pass:
         contact = touch(before, now, 1 / DYNAMICS_HZ, time_s, deck)
         if contact is not None:
             return outcome_of(contact, self.aircraft.approach.sink_limit_m_s), contact
-        state = self.aircraft.state
-        if self.autopilot.wave_off is not None and -now[0, 2] > CLEAR_M and state.velocity_m_s[2] < 0:
-            return Outcome.WAVE_OFF, None
-        is_past = now[0, 0] > deck.layout.length_m
-        return (Outcome.WATER, None) if is_past or state.position_m[2] > deck.layout.sea_z_m else None
+        is_past = bool(now[0, 0] > deck.layout.length_m)
+        if self.autopilot.wave_off is None:
+            return (Outcome.WATER, None) if is_past else None
+        is_clear = is_past or (-now[0, 2] > CLEAR_M and self.aircraft.state.velocity_m_s[2] < 0)
+        return (Outcome.WAVE_OFF, None) if is_clear else None
 
     def _landing(self, outcome: Outcome, contact: Touchdown | None) -> Landing:
         answers = self.answers
