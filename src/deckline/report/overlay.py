@@ -44,19 +44,24 @@ def draw_panels(result: FrameResult, dehazed: DehazeResult) -> Panels:
 def draw_overlay(frame: Frame, guidance: Guidance, pictures: Panels) -> Image:
     """The whole overlay picture, (648, 1280, 3)."""
     image = draw.blank(*OVERLAY_PX)
-    for column, picture in enumerate((pictures.hazy, pictures.marked)):
-        height, width = picture.shape[:2]
-        left = column * PANEL_PX[0] + (PANEL_PX[0] - width) // 2
-        top = HEADER_PX + (PANEL_PX[1] - height) // 2
-        image[top : top + height, left : left + width] = picture
-    image[HEADER_PX : HEADER_PX + PANEL_PX[1], PANEL_PX[0] - 1 : PANEL_PX[0] + 1] = draw.BACKGROUND
+    right = (PANEL_PX[0], 0)
+    draw_panel(image, pictures.hazy, (0, 0), "HAZY", "as the camera saw it")
+    draw_panel(
+        image, pictures.marked, right, "NOT DEHAZED" if pictures.not_dehazed else "DEHAZED", "with the lines found"
+    )
     image[HEADER_PX + PANEL_PX[1] :] = draw_instrument(guidance)
-    draw_text(image, "HAZY", (16, 26), 15, draw.INK, 600)
-    draw_text(image, "as the camera saw it", (68, 26), 14, draw.DIM)
-    title = "NOT DEHAZED" if pictures.not_dehazed else "DEHAZED"
-    draw_text(image, title, (PANEL_PX[0] + 16, 26), 15, draw.INK, 600)
-    draw_text(image, "with the lines found", (PANEL_PX[0] + 28 + measure_text(title, 15, 600), 26), 14, draw.DIM)
     time = f"  ·  {frame.time_s:.6f} s"
     name = shorten(frame.file, 14, 380 - measure_text(time, 14)) + time
     draw_text(image, name, (OVERLAY_PX[0] - 16 - measure_text(name, 14), 26), 14, draw.DIM)
     return image
+
+
+def draw_panel(image: Image, picture: Image, corner: tuple[int, int], title: str, words: str) -> None:
+    """Place a picture of at most `PANEL_PX` below its title, in a panel whose left and top are given."""
+    (left, top), (height, width) = corner, picture.shape[:2]
+    x, y = left + (PANEL_PX[0] - width) // 2, top + HEADER_PX + (PANEL_PX[1] - height) // 2
+    image[y : y + height, x : x + width] = picture
+    edges = [edge for edge in (left, left + PANEL_PX[0] - 1) if 0 < edge < image.shape[1] - 1]
+    image[top + HEADER_PX : top + HEADER_PX + PANEL_PX[1], edges] = draw.BACKGROUND
+    draw_text(image, title, (left + 16, top + 26), 15, draw.INK, 600)
+    draw_text(image, words, (left + 28 + measure_text(title, 15, 600), top + 26), 14, draw.DIM)
