@@ -34,6 +34,7 @@ TABLE = {
     "info": CliCommand("deckline.cli.info", "Print versions, the processor, the engines and the shipped weights."),
     "sim": CliCommand("deckline_sim.cli", "Render a recording of a deck, or serve AirSim's clients.", "sim"),
     "dataset": CliCommand("deckline_lab.cli.dataset", "Render the paper's dataset of hazy pairs, or check one.", "sim"),
+    "land": CliCommand("deckline_lab.cli.land", "Land once through haze in a closed loop: film and report.", "sim"),
     "campaign": CliCommand(
         "deckline_lab.cli.campaign", "Fly thousands of landings, on this machine or on Ray, and report them.", "sim"
     ),

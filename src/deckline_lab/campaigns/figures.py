@@ -9,15 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from deckline.config import Approach
 from deckline.extras import needs_extra
 from deckline_lab.campaigns.plan import CampaignPlan
 from deckline_lab.campaigns.summary import GOOD, CellSummary, FlownLanding, name_cell
 from deckline_lab.statistics import CONFIDENCE
+from deckline_sim.landing.deck import Deck
+from deckline_sim.landing.surroundings import surroundings
 from deckline_sim.landing.touchdown import Outcome
-from deckline_sim.ship.layout import Layout, class_layout
-from deckline_sim.ship.paint_shapes import axes as line_axes
-from deckline_sim.ship.ship_class import load_class
 
 COLOURS = {
     Outcome.WIRE: "#0072b2",
@@ -38,9 +36,8 @@ Group = tuple[str, str, CellSummary]  # on the axis, of the series, and its land
 
 def draw_touchdowns(plan: CampaignPlan, landings: Sequence[FlownLanding]) -> str:
     """Every touchdown on the deck's plan, landing from the left; PNG as base64 text."""
-    ship = load_class(plan.landing.ship)
-    figure, axis = _figure(11, 4.6)
-    _draw_deck(axis, class_layout(ship), ship.plan.wires_m)
+    figure, axis = open_figure(11, 4.6)
+    draw_deck(axis, surroundings(plan.landing, 0).deck)
     for outcome, colour in COLOURS.items():
         points = _touchdowns([landing for landing in landings if landing.outcome == outcome])
         if len(points):
@@ -51,12 +48,12 @@ def draw_touchdowns(plan: CampaignPlan, landings: Sequence[FlownLanding]) -> str
     axis.set(aspect="equal", xlabel="beyond the touchdown point, m", ylabel="right of the centre line, m")
     if axis.get_legend_handles_labels()[0]:
         axis.legend(loc="upper right", fontsize="small", markerscale=3)
-    return _png(figure)
+    return png_text(figure)
 
 
 def draw_dispersion(plan: CampaignPlan, landings: Sequence[FlownLanding]) -> str:
     """The ellipse of 95 % of the touchdowns of each cell, if they are normally distributed; PNG as base64 text."""
-    figure, axis = _figure(11, 4.6)
+    figure, axis = open_figure(11, 4.6)
     radius = np.sqrt(chi2.ppf(CONFIDENCE, 2))
     turn = np.linspace(0, 2 * np.pi, 100)
     for number, cell in enumerate(plan.cells[:MOST_CELLS]):
@@ -76,12 +73,12 @@ def draw_dispersion(plan: CampaignPlan, landings: Sequence[FlownLanding]) -> str
     axis.grid(alpha=0.3)
     if axis.get_legend_handles_labels()[0]:
         axis.legend(fontsize="small", loc="center left", bbox_to_anchor=(1.01, 0.5))
-    return _png(figure)
+    return png_text(figure)
 
 
 def draw_shares(groups: Sequence[Group], axis_name: str, series_name: str) -> str:
     """Shares with their 95 % intervals, a panel an event, a colour a series; PNG as base64 text."""
-    figure, panels = _figure(11, 6.2, 2, 2)
+    figure, panels = open_figure(11, 6.2, 2, 2)
     names = list(dict.fromkeys(name for name, _, _ in groups))
     series = list(dict.fromkeys(name for _, name, _ in groups))
     for panel, event in zip(panels.ravel(), SHOWN, strict=True):
@@ -100,13 +97,13 @@ def draw_shares(groups: Sequence[Group], axis_name: str, series_name: str) -> st
         panel.set_xlabel(axis_name)
     if len(series) > 1:
         figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside right center", fontsize="small")
-    return _png(figure)
+    return png_text(figure)
 
 
-def _draw_deck(axis: Any, layout: Layout, wires_m: Sequence[float]) -> None:
-    along, right = line_axes(*layout.centre_m)[:2]
-    turn = np.column_stack([along, right])
-    aim = layout.centre_m[0] + Approach.touchdown_m * np.asarray(along)
+def draw_deck(axis: Any, deck: Deck) -> None:
+    """The deck from above in a plot whose axes are m beyond the touchdown point and m right of the centre line."""
+    layout, turn = deck.layout, np.column_stack([deck.along, deck.right])
+    aim = layout.centre_m[0] + deck.touchdown_m * deck.along
 
     def place(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.asarray((points_m - aim) @ turn)
@@ -115,9 +112,9 @@ def _draw_deck(axis: Any, layout: Layout, wires_m: Sequence[float]) -> None:
     for line in (layout.left_m, layout.right_m):
         axis.plot(*place(line).T, color="#ffffff", linewidth=3)
     axis.plot(*place(layout.centre_m).T, color="#d9a400", linewidth=1, linestyle="--")
-    for wire_m in wires_m:
+    for wire_m in deck.wires_m:
         half = layout.spacing_m / 2
-        axis.plot(np.full(2, wire_m - Approach.touchdown_m), [-half, half], color="#555", linewidth=1)
+        axis.plot(np.full(2, wire_m - deck.touchdown_m), [-half, half], color="#555", linewidth=1)
     axis.plot(0, 0, "x", color="#111", markersize=8)
 
 
@@ -127,14 +124,16 @@ def _touchdowns(landings: Sequence[FlownLanding]) -> NDArray[np.float64]:
     return np.array(places, dtype=np.float64).reshape(-1, 2)
 
 
-def _figure(width_in: float, height_in: float, *grid: int) -> tuple[Any, Any]:
+def open_figure(width_in: float, height_in: float, *grid: int) -> tuple[Any, Any]:
+    """A figure and its axes, one or a grid of rows and columns."""
     with needs_extra("viz"):
         from matplotlib.figure import Figure
     figure = Figure(figsize=(width_in, height_in), dpi=DPI, layout="constrained")
     return figure, figure.subplots(*grid, squeeze=not grid)
 
 
-def _png(figure: Any) -> str:
+def png_text(figure: Any) -> str:
+    """A figure as PNG, base64."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png")
     return base64.b64encode(buffer.getvalue()).decode()

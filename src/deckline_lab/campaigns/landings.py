@@ -4,16 +4,19 @@ from contextlib import closing
 
 from deckline_lab.campaigns.faults import faulty_sights
 from deckline_sim.landing.config import LandingConfig
-from deckline_sim.landing.landing import Landing, fly, start_aircraft
+from deckline_sim.landing.landing import Landing, Sights, fly, start_aircraft
 from deckline_sim.landing.surroundings import surroundings
 
 
 def fly_landing(config: LandingConfig, seed: int) -> Landing:
     """Fly one landing with the sights that its config names; errors as `check_landing`."""
-    if config.fault is None:
-        return fly(config, seed)
-    with closing(faulty_sights(config, seed)) as sights:
+    with closing(sights_of(config, seed)) as sights:
         return fly(config, seed, sights)
+
+
+def sights_of(config: LandingConfig, seed: int) -> Sights:
+    """The sights that a configuration names, with its fault; errors as `check_landing`."""
+    return Sights.of_config(config, seed) if config.fault is None else faulty_sights(config, seed)
 
 
 def check_landing(config: LandingConfig) -> None:

@@ -1,6 +1,6 @@
 """The page of a campaign: one HTML file that needs no network and no server."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import date
 from pathlib import Path
 from typing import Any
@@ -52,13 +52,10 @@ def campaign_html(
     bad = [landing for landing in landings if not landing.has(GOOD)]
     seeds = [{landing.seed: landing for landing in bad if landing.outcome == outcome} for outcome in Outcome]
     by_outcome = [[*of.values()][:LISTED] for of in seeds]
-    environment = Environment(
-        loader=FileSystemLoader(TEMPLATES), autoescape=True, undefined=StrictUndefined, trim_blocks=True
-    )
-    return environment.get_template("campaign.html").render(
+    return render_page(
+        "campaign.html",
         heading=heading,
-        subtitle=f"seen by {plan.landing.sight} · deckline {__version__} · {date.today()}",
-        style=Markup((REPORT_TEMPLATES / "report.css").read_text(encoding="utf-8")),
+        subtitle=f"seen by {plan.landing.sight}",
         cards=list(_cards(plan, landings)),
         figures=list(_figures(plan, landings)),
         tables=summary_tables(cells, weighted),
@@ -68,8 +65,19 @@ def campaign_html(
         ],
         failed=len(bad),
         listed=LISTED,
-        settings=[(name, value) for name, value in _plan_rows(plan)],
+        settings_title="Plan",
+        settings=list(setting_rows(plan.as_json())),
     )
+
+
+def render_page(template: str, subtitle: str, **values: Any) -> str:
+    """A page of one of our templates, in the style of a run's report; the version and the date are added."""
+    environment = Environment(
+        loader=FileSystemLoader(TEMPLATES), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+    )
+    style = Markup((REPORT_TEMPLATES / "report.css").read_text(encoding="utf-8"))
+    subtitle = f"{subtitle} · deckline {__version__} · {date.today()}"
+    return environment.get_template(template).render(style=style, subtitle=subtitle, **values)
 
 
 def group_landings(plan: CampaignPlan, landings: Sequence[FlownLanding]) -> list[Group]:
@@ -135,8 +143,8 @@ def _cards(plan: CampaignPlan, landings: Sequence[FlownLanding]) -> Iterator[tup
         yield "Touchdown, 1-sigma", f"{down.along_m[1]:.1f} m", f"along; across {down.across_m[1]:.2f} m"
 
 
-def _plan_rows(plan: CampaignPlan) -> Iterator[tuple[str, str]]:
-    table = plan.as_json()
+def setting_rows(table: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Name and value of every setting of a table of settings and tables."""
     for name, value in table.items():
         if isinstance(value, dict):
             yield from ((f"{name}.{key}", str(item)) for key, item in value.items())

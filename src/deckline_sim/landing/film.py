@@ -43,6 +43,8 @@ class FilmedLanding:
     """How it went."""
     answers: Sequence[Guidance]
     """All answers of the picture, in order of time."""
+    last_seen_s: float
+    """When the last picture was taken, s."""
     pictures: Sequence[PilotPicture] = ()
     """The camera's, in order of time; empty: the pilot's view is rendered for the film."""
 
@@ -67,7 +69,10 @@ def draw_film(filmed: FilmedLanding, take: TakePicture) -> Iterator[tuple[Image,
     """Pictures (H, W, 3) and their times, s; the last one is repeated for `HELD_S`."""
     samples = film_samples(filmed.landing.samples)
     for sample in samples[:-1]:
-        yield draw_moment(filmed, sample, take), sample.time_s
+        image = draw_moment(filmed, sample, take)
+        if is_broken_off(filmed, sample.time_s):
+            _draw_tag(image, f"Wave-off, {filmed.landing.wave_off}", *GOOD[Outcome.WAVE_OFF])
+        yield image, sample.time_s
     image = draw_moment(filmed, samples[-1], take)
     _draw_outcome(image, filmed.landing)
     for held in range(round(HELD_S * FILM_HZ) + 1):
@@ -91,8 +96,6 @@ def draw_moment(filmed: FilmedLanding, sample: Sample, take: TakePicture) -> Ima
         row, column = divmod(number, 2)
         draw_panel(image, picture, (column * PANEL_PX[0], row * ROW_PX), title, words)
     image[2 * ROW_PX :] = draw_instrument(shown_answer(filmed, sample.time_s))
-    if is_broken_off(filmed, sample.time_s):
-        _draw_tag(image, f"WAVE-OFF: {filmed.landing.wave_off}", *GOOD[Outcome.WAVE_OFF])
     return image
 
 
@@ -124,8 +127,7 @@ def shown_answer(filmed: FilmedLanding, time_s: float) -> Guidance:
 def is_broken_off(filmed: FilmedLanding, time_s: float) -> bool:
     """Whether the pass has been broken off: no picture is taken any more."""
     camera = filmed.scene.config.camera
-    last_s = filmed.answers[-1].time_s if filmed.answers else 0.0
-    return filmed.landing.wave_off is not None and time_s > last_s + 1 / camera.rate_hz
+    return filmed.landing.wave_off is not None and time_s > filmed.last_seen_s + 1 / camera.rate_hz
 
 
 def _draw_outcome(image: Image, landing: Landing) -> None:
@@ -135,6 +137,6 @@ def _draw_outcome(image: Image, landing: Landing) -> None:
 
 
 def _draw_tag(image: Image, words: str, colour: draw.Colour, ink: draw.Colour) -> None:
-    """A tag in the middle, between the two rows of panels."""
+    """A tag in the middle, below the views from outside."""
     left = (FILM_PX[0] - measure_text(words, TAG_PX, 600) - TAG_PX) // 2
-    draw_tag(image, words, (left, ROW_PX + (HEADER_PX - round(TAG_PX * 1.7)) // 2), TAG_PX, colour, ink)
+    draw_tag(image, words, (left, 2 * ROW_PX - round(TAG_PX * 2.2)), TAG_PX, colour, ink)

@@ -21,7 +21,7 @@ DECK_CAMERA_M = (40.0, 2.0, 4.0)
 DECK_VIEW_M = 50.0  # that its picture shows across at the aircraft, as far as its fields of view, degrees, allow
 DECK_FOV_DEG = (14.0, 65.0)
 CHASE_M = (26.0, 6.0)  # the other camera: behind and above the aircraft
-CHASE_AIM_M = (60.0, -1.0)  # ahead of and above the aircraft: what it points at
+CHASE_AIM_M = (30.0, -2.0)  # ahead of and above the aircraft: what it points at
 CHASE_FOV_DEG = 50.0
 
 TakePicture = Callable[[Viewpoint, str], Frame]  # renders a view of a landing under a name

@@ -42,12 +42,15 @@ class RecordedSight:
     def __init__(self, sight: Sight) -> None:
         self.sight = sight
         self.answers: list[Guidance] = []
+        self.last_s = 0.0  # of the last moment
         self.pictures: list[PilotPicture] = []
 
-    def see(self, moment: Moment) -> Guidance:
-        """The sight's guidance."""
+    def see(self, moment: Moment) -> Guidance | None:
+        """The sight's answer."""
         answer = self.sight.see(moment)
-        self.answers.append(answer)
+        self.last_s = moment.time_s
+        if answer is not None:
+            self.answers.append(answer)
         if isinstance(self.sight, RenderedSight):
             panels = _draw(self.sight)
             hazy, marked = (encode_image(image, "jpg", JPEG_QUALITY) for image in (panels.hazy, panels.marked))

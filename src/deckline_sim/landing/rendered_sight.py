@@ -32,9 +32,7 @@ class RenderedSight:
         self.surroundings = surroundings(config, seed)
         dehazer, detector = (None, None) if flight is None else (flight.dehazer, flight.detector)
         self.flight = Flight.from_config(self.surroundings.run, dehazer=dehazer, detector=detector)
-        self.simulator = ShipSimulator(sim_config(self.surroundings))
-        self.simulator.load(0)
-        self.simulator.motion = self.surroundings.deck.motion
+        self.simulator = open_simulator(sim_config(self.surroundings), self.surroundings)
         self.result: FrameResult | None = None
 
     def __enter__(self) -> Self:
@@ -68,6 +66,22 @@ class RenderedSight:
         frame = self.simulator.flown_frame(view, frame_name(scene.seed, moment.time_s))
         frame = miscalibrate(replace(frame, depth_m=None), scene.run.sensors, scene.seed)
         return without_position(frame) if scene.config.guidance == "picture" else frame
+
+
+def open_simulator(config: SimConfig, scene: Surroundings) -> ShipSimulator:
+    """A simulator whose ship moves as that of a landing.
+
+    Args:
+        config: of `sim_config`.
+        scene: of the landing.
+
+    Raises:
+        RendererError: no OpenGL through EGL on this machine.
+    """
+    simulator = ShipSimulator(config)
+    simulator.load(0)
+    simulator.motion = scene.deck.motion
+    return simulator
 
 
 def sim_config(scene: Surroundings) -> SimConfig:

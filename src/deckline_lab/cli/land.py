@@ -1,0 +1,91 @@
+"""`deckline land`."""
+
+import json
+from contextlib import closing
+from dataclasses import asdict, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Annotated
+
+import tyro
+
+from deckline import __version__
+from deckline.atomic import write_atomic
+from deckline.files import print_line, printable
+from deckline.report.video import join
+from deckline_lab.campaigns.landing_report import landing_html
+from deckline_lab.campaigns.landings import sights_of
+from deckline_sim.landing.config import LandingConfig
+from deckline_sim.landing.film import FilmedLanding, write_film
+from deckline_sim.landing.landing import fly
+from deckline_sim.landing.recorded_sight import RecordedSight
+from deckline_sim.landing.rendered_sight import open_simulator, sim_config
+from deckline_sim.landing.summary import summarise_landing
+from deckline_sim.landing.surroundings import surroundings
+
+FILM_FILE, REPORT_FILE, RECORD_FILE = "landing.mp4", "report.html", "landing.json"
+# A ramp ought to be in sight from 480 m: the flight begins some seconds before, so that it takes two minutes at most.
+IN_HAZE = LandingConfig(visibility_m=600.0, start_m=800.0, sight="rendered")
+
+
+def land(
+    landing: Annotated[LandingConfig, tyro.conf.arg(name="")] = IN_HAZE, seed: int = 1, out: Path = Path("landing-out")
+) -> int:
+    """Fly one landing through haze with rendered pictures, and write its film and its report.
+
+    Args:
+        landing: what it is flown in.
+        seed: of everything random; the same seed and settings give the same landing.
+        out: folder of landing.mp4, report.html and landing.json.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    filmed = fly_filmed(landing, seed)
+    film = make_film(filmed)
+    record = {"seed": seed, "made_with": __version__, **filmed.landing.record(), "settings": asdict(landing)}
+    write_atomic(out / RECORD_FILE, (json.dumps(record, indent=1) + "\n").encode())
+    write_atomic(out / FILM_FILE, film)
+    print_line(summarise_landing(landing, seed, filmed.landing))
+    for name in (RECORD_FILE, FILM_FILE):
+        print(printable(out / name))
+    try:
+        page = landing_html(filmed, FILM_FILE)
+    except ImportError as error:
+        print_line(f"no {REPORT_FILE}: {error}")
+        return 0
+    write_atomic(out / REPORT_FILE, page.encode())
+    print(printable(out / REPORT_FILE))
+    return 0
+
+
+def fly_filmed(config: LandingConfig, seed: int) -> FilmedLanding:
+    """Fly a landing and record what its film shows; errors as `fly`."""
+    sights = sights_of(config, seed)
+    with closing(sights):
+        recorded = RecordedSight(sights.picture)
+        landing = fly(config, seed, replace(sights, picture=recorded))
+    scene = surroundings(config, seed)
+    return FilmedLanding(scene, landing, recorded.answers, recorded.last_s, recorded.pictures)
+
+
+def make_film(filmed: FilmedLanding) -> bytes:
+    """The film of a landing, an MP4 file.
+
+    Raises:
+        RendererError: no OpenGL through EGL on this machine.
+    """
+    config = replace(sim_config(filmed.scene), keep_clear=not filmed.pictures)
+    with TemporaryDirectory() as folder, closing(open_simulator(config, filmed.scene)) as simulator:
+        piece, whole = Path(folder) / "piece.mp4", Path(folder) / FILM_FILE
+        write_film(filmed, simulator.flown_frame, piece)
+        join([piece], whole)
+        return whole.read_bytes()
+
+
+COMMANDS = {"land": land}
+EXAMPLES = {
+    "deckline land": (
+        "deckline land --seed 1",
+        "deckline land --seed 1 --visibility-m 200 --out fog",
+        "deckline land --seed 4 --sight points --sea-state 5",
+    ),
+}
