@@ -12,7 +12,7 @@ from deckline_sim.landing.autopilot import COMMITTED_M, DECISION_M, WINDOW_M, WI
 from deckline_sim.landing.deviations import deviations
 from deckline_sim.landing.film import FilmedLanding
 
-DECK_X_M, DECK_Y_M = (-110.0, 110.0), (-45.0, 45.0)  # of the deck's plan that is shown
+DECK_X_M, DECK_Y_M = (-130.0, 110.0), (-45.0, 45.0)  # of the deck's plan that is shown
 LEAST_REACH_M = (8.0, 4.0)  # of the axes of lateral deviation and height
 MOST_REACH = 1.3  # of the axes, in the largest true deviation
 TRUTH, MEASURED, LIMIT = "#c24e00", "#0072b2", "#b3245e"  # as in the report of a run

@@ -45,7 +45,7 @@ def _cards(filmed: FilmedLanding) -> Iterator[tuple[str, str, str]]:
         yield "Sink", f"{contact.sink_m_s:.1f} m/s", "towards the deck"
     first = "never" if landing.first_ok_m is None else f"{landing.first_ok_m:.0f} m"
     ok = sum(answer.status is Status.OK for answer in answers)
-    yield "First ok", first, f"to the ramp; {ok} of {len(answers)} answers ok, {landing.misleading} misleading"
+    yield "First ok, to the ramp", first, f"{ok} of {len(answers)} answers ok, {landing.misleading} misleading"
 
 
 def _figures(filmed: FilmedLanding) -> Iterator[tuple[str, str, str]]:
