@@ -101,5 +101,3 @@ def _band(values: Sequence[Value | None], levels: NDArray[np.float64]) -> NDArra
     """(N, 3) of values: value, and the value less and plus its level; NaN: not known."""
     known = np.array([np.nan if value is None else value.value for value in values])
     return np.stack([known, known - levels, known + levels], axis=1)
-
-

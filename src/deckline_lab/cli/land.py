@@ -1,7 +1,8 @@
 """`deckline land`."""
 
 import json
-from contextlib import closing
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -11,10 +12,11 @@ import tyro
 
 from deckline import __version__
 from deckline.atomic import write_atomic
-from deckline.files import print_line, printable
+from deckline.files import is_there, print_line, printable
 from deckline.report.video import join
 from deckline_lab.campaigns.landing_report import landing_html
 from deckline_lab.campaigns.landings import sights_of
+from deckline_lab.campaigns.plan import plain_json
 from deckline_sim.landing.config import LandingConfig
 from deckline_sim.landing.film import FilmedLanding, write_film
 from deckline_sim.landing.landing import fly
@@ -38,13 +40,14 @@ def land(
         seed: of everything random; the same seed and settings give the same landing.
         out: folder of landing.mp4, report.html and landing.json.
     """
-    out.mkdir(parents=True, exist_ok=True)
-    filmed = fly_filmed(landing, seed)
-    film = make_film(filmed)
-    record = {"seed": seed, "made_with": __version__, **filmed.landing.record(), "settings": asdict(landing)}
-    write_atomic(out / RECORD_FILE, (json.dumps(record, indent=1) + "\n").encode())
+    with folder_of_results(out):
+        filmed = fly_filmed(landing, seed)
+        film = make_film(filmed)
+    settings = plain_json(asdict(landing))
+    record = {"seed": seed, "made_with": __version__, **filmed.landing.record(), "settings": settings}
+    write_atomic(out / RECORD_FILE, (json.dumps(record, indent=1, allow_nan=False) + "\n").encode())
     write_atomic(out / FILM_FILE, film)
-    print_line(summarise_landing(landing, seed, filmed.landing))
+    print(summarise_landing(landing, seed, filmed.landing))
     for name in (RECORD_FILE, FILM_FILE):
         print(printable(out / name))
     try:
@@ -55,6 +58,19 @@ def land(
     write_atomic(out / REPORT_FILE, page.encode())
     print(printable(out / REPORT_FILE))
     return 0
+
+
+@contextmanager
+def folder_of_results(out: Path) -> Iterator[None]:
+    """The folder is there at once, so that a bad one is refused at once; a new one is removed after an error."""
+    is_new = not is_there(out)
+    out.mkdir(parents=True, exist_ok=True)
+    try:
+        yield
+    except BaseException:
+        if is_new:
+            out.rmdir()
+        raise
 
 
 def fly_filmed(config: LandingConfig, seed: int) -> FilmedLanding:

@@ -32,9 +32,7 @@ def pilot_view(scene: Surroundings, sample: Sample) -> Viewpoint:
     camera, width = scene.camera, RENDERED_PX[0]
     small = camera.resized(width, max(round(width * camera.height / camera.width), 2))
     velocity, rates = np.array(sample.state.velocity_m_s), np.array(sample.state.rates_rad_s)
-    return Viewpoint(
-        sample.state.world_from_body, small, sample.time_s, scene.body_from_camera, velocity, rates
-    )
+    return Viewpoint(sample.state.world_from_body, small, sample.time_s, scene.body_from_camera, velocity, rates)
 
 
 def deck_view(scene: Surroundings, sample: Sample) -> Viewpoint:
