@@ -7,7 +7,7 @@ from deckline.types import Status
 from deckline_lab.campaigns.landing_figures import draw_profile, draw_statuses, draw_touchdown
 from deckline_lab.campaigns.report import render_page, setting_rows
 from deckline_sim.landing.film import FilmedLanding
-from deckline_sim.landing.summary import describe_touchdown, name_outcome
+from deckline_sim.landing.summary import name_outcome
 
 
 def landing_html(filmed: FilmedLanding, film: str) -> str:
@@ -24,7 +24,7 @@ def landing_html(filmed: FilmedLanding, film: str) -> str:
     return render_page(
         "landing.html",
         heading=f"Landing {seed}",
-        subtitle=f"visibility {config.visibility_m:g} m, sea state {config.sea_state:g}, seen by {config.sight}",
+        subtitle=f"visibility {config.visibility_m:g} m, sea state {config.sea_state:g}, sight {config.sight}",
         cards=list(_cards(filmed)),
         film=film,
         figures=list(_figures(filmed)),
@@ -35,9 +35,8 @@ def landing_html(filmed: FilmedLanding, film: str) -> str:
 
 def _cards(filmed: FilmedLanding) -> Iterator[tuple[str, str, str]]:
     landing, answers = filmed.landing, filmed.answers
-    outcome = name_outcome(landing)
-    short, _, why = outcome.partition(", ")
-    yield "Outcome", short[0].upper() + short[1:], why or describe_touchdown(landing)
+    outcome, _, why = name_outcome(landing).partition(", ")
+    yield "Outcome", outcome.capitalize(), why
     contact = landing.touchdown
     if contact is not None:
         yield "Along the deck", f"{contact.beyond_aim_m:+.1f} m", "beyond the touchdown point"

@@ -18,7 +18,7 @@ from deckline.types import DepthMode, Guidance, Status
 from deckline_sim.landing.film_views import TakePicture, chase_view, deck_view, draw_outside, pilot_view
 from deckline_sim.landing.landing import Landing, Sample
 from deckline_sim.landing.recorded_sight import PilotPicture
-from deckline_sim.landing.summary import describe_touchdown, name_outcome
+from deckline_sim.landing.summary import describe_outcome
 from deckline_sim.landing.surroundings import Surroundings, frame_name
 from deckline_sim.landing.touchdown import Outcome
 
@@ -132,7 +132,7 @@ def is_broken_off(filmed: FilmedLanding, time_s: float) -> bool:
 
 def _draw_outcome(image: Image, landing: Landing) -> None:
     colours = GOOD.get(landing.outcome, BAD)
-    words = ", ".join(filter(None, (name_outcome(landing), describe_touchdown(landing))))
+    words = describe_outcome(landing)
     _draw_tag(image, words[0].upper() + words[1:], *colours)
 
 

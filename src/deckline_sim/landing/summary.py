@@ -20,9 +20,10 @@ def name_outcome(landing: Landing) -> str:
     contact = landing.touchdown
     if landing.outcome is Outcome.WIRE and contact is not None:
         return f"wire {contact.wire}"
-    if landing.outcome is Outcome.WAVE_OFF and landing.wave_off is not None:
-        return f"wave-off, {landing.wave_off}"
-    return NAMES[landing.outcome]
+    if landing.wave_off is None:
+        return NAMES[landing.outcome]
+    after = "" if landing.outcome is Outcome.WAVE_OFF else f"{NAMES[landing.outcome]} after "
+    return f"{after}wave-off, {landing.wave_off}"
 
 
 def describe_touchdown(landing: Landing) -> str:
@@ -35,7 +36,12 @@ def describe_touchdown(landing: Landing) -> str:
     return f"{along}, {across}, sink {contact.sink_m_s:.1f} m/s"
 
 
+def describe_outcome(landing: Landing) -> str:
+    """The outcome and the touchdown."""
+    return ", ".join(filter(None, (name_outcome(landing), describe_touchdown(landing))))
+
+
 def summarise_landing(config: LandingConfig, seed: int, landing: Landing) -> str:
     """One line: which landing, its outcome and its touchdown."""
     flown = f"landing {seed}, visibility {config.visibility_m:g} m, sea state {config.sea_state:g}"
-    return ": ".join(filter(None, (flown, name_outcome(landing), describe_touchdown(landing))))
+    return f"{flown}: {describe_outcome(landing)}"
