@@ -12,7 +12,7 @@ from PIL import Image
 from deckline import __version__
 from deckline.cli.main import main
 
-EXAMPLES_IN = {"": 24, "run": 100}  # commands whose help begins with examples -> lines at most
+EXAMPLES_IN = {"": 26, "run": 100}  # commands whose help begins with examples -> lines at most
 
 
 def error_line(capsys) -> str:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from deckline.report.status import STATUS_COLOURS
 from deckline.types import Guidance, Status, Value
 from deckline_lab.campaigns.figures import COLOURS, draw_deck, open_figure, png_text
-from deckline_sim.landing.autopilot import COMMITTED_M, DECISION_M, WINDOW_M, WINDOW_RAD
+from deckline_sim.landing.autopilot import COMMITTED_M, DECISION_M, WINDOW
 from deckline_sim.landing.deviations import deviations
 from deckline_sim.landing.film import FilmedLanding
 
@@ -44,15 +44,14 @@ def draw_profile(filmed: FilmedLanding) -> str:
     distance = np.interp([answer.time_s for answer in answers], truth[:, 0], truth[:, 1])
     lateral = _band([answer.lateral_deviation_m for answer in answers], _levels(answers, "lateral_m"))
     height = _band([answer.vertical_deviation_m for answer in answers], _levels(answers, "vertical_m"))
-    for axis, column, band, least, window in (
-        (axes[0, 0], 2, lateral, LEAST_REACH_M[0], (WINDOW_M[0], WINDOW_RAD[0])),
-        (axes[1, 0], 3, height, LEAST_REACH_M[1], (WINDOW_M[1], WINDOW_RAD[1])),
+    for axis, column, band, least, least_m, rad in zip(
+        axes[:, 0], (2, 3), (lateral, height), LEAST_REACH_M, *WINDOW, strict=True
     ):
         axis.fill_between(distance, band[:, 1], band[:, 2], color=MEASURED, alpha=0.18, label="protection level")
         axis.plot(distance, band[:, 0], ".", color=MEASURED, markersize=4, label="guidance")
         axis.plot(truth[:, 1], truth[:, column], color=TRUTH, linewidth=1.5, label="truth")
         to_go = np.linspace(COMMITTED_M, DECISION_M, 50)
-        limit = np.maximum(window[0], np.tan(window[1]) * to_go)
+        limit = np.maximum(least_m, np.tan(rad) * to_go)
         for side in (-1.0, 1.0):
             label = "wave-off beyond" if side > 0 else None
             axis.plot(to_go - aim_m, side * limit, "--", color=LIMIT, linewidth=1, label=label)

@@ -21,7 +21,9 @@ def test_a_wire_has_its_number_and_its_place():
         assert part in text
 
 
-@pytest.mark.parametrize(("along", "across", "words"), [(1.0, -2.0, ("beyond", "left")), (-1.0, 2.0, ("short", "right"))])
+@pytest.mark.parametrize(
+    ("along", "across", "words"), [(1.0, -2.0, ("beyond", "left")), (-1.0, 2.0, ("short", "right"))]
+)
 def test_sides_of_a_touchdown(along, across, words):
     text = describe_touchdown(landing(Outcome.BOLTER, Touchdown(20.0, along, across, 3.0, None)))
     assert all(word in text for word in words)
