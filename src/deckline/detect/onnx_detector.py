@@ -23,6 +23,7 @@ ROWS_ALONE = DetectConfig(
     min_lone_probability=0.9,
     min_close_probability=1.1,
     min_ahead_probability=1.1,
+    min_ahead_alone_probability=1.1,
     places=1,
     tilings=(),
 )

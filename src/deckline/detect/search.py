@@ -3,7 +3,7 @@
 A view is one inference of the network on one crop. The view of the whole image proposes places; views of overlapping
 tiles propose more. At each place the views become closer until the runway fills a good half of one. The closest view
 decides: in the view of a whole photograph a runway is often faint. A pair of lines may be less probable where it has
-the shape of a runway ahead of the camera and two views show it.
+the shape of a runway ahead of the camera, above all where two views show it.
 """
 
 from collections import deque
@@ -217,8 +217,10 @@ class Search:
         return view.count == 2 and close and whole >= self.config.min_view_probability
 
     def _is_ahead(self, view: CropView) -> bool:
-        """Whether two views show a pair of lines, probable enough for a runway that lies ahead."""
-        if view.probability * self._second.get(view, 0.0) < self.config.min_ahead_probability:
+        """Whether views show a pair of lines, probable enough for a runway that lies ahead."""
+        both = view.probability * self._second.get(view, 0.0)
+        alone = view.probability >= self.config.min_ahead_alone_probability
+        if both < self.config.min_ahead_probability and not alone:
             return False
         shape = runway_shape(view.lines)
         return shape is not None and shape.is_ahead(self.image_size[0])
