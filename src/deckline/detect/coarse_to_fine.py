@@ -37,7 +37,7 @@ class DetectConfig:
     # The rest is chosen with 17 labelled photographs in view: docs/experiments/2026-11-search-on-photographs.md.
     min_close_probability: float = 0.85  # of both lines, however faint the runway is in the whole image
     # Chosen on frames of strangers' videos: docs/experiments/2026-11-search-over-time.md.
-    # Of both lines with the shape of a runway ahead, `RunwayShape.is_ahead`: product of two views, or of one view alone.
+    # Of both lines with the shape of a runway ahead, `RunwayShape.is_ahead`: product of two views, or of one alone.
     min_ahead_probability: float = 0.5
     min_ahead_alone_probability: float = 0.8
     sure_probability: float = 0.87  # of both lines; with it the search ends
