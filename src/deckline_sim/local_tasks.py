@@ -6,6 +6,7 @@ import signal
 import threading
 import traceback
 from collections.abc import Callable
+from contextlib import suppress
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any
@@ -112,7 +113,8 @@ def _work(connection: Connection, task: Callable[[Any], Any], number: int, count
             connection.send((task(item), None))
         except Exception as error:
             error.add_note(traceback.format_exc())
-            connection.send((None, error))
+            with suppress(BrokenPipeError, ConnectionResetError):  # the work was stopped: nobody hears
+                connection.send((None, error))
 
 
 def _take_cores(number: int, count: int) -> None:
