@@ -34,7 +34,7 @@ DECISION_M = 350.0  # to the touchdown point
 PATIENCE_S = 0.8
 COMMITTED_M = 90.0  # to the touchdown point: nearer, breaking off comes too late
 WINDOW = (3.0, 1.5), (math.radians(2.0), math.radians(1.0))  # lateral and vertical deviation: at least m, and rad
-RAMP_CLEARANCE_M = 3.5  # of the hook, on the glideslope
+RAMP_CLEARANCE_M = 3.5  # of the hook, on the glideslope of `cvn`
 # The same of protection levels. Of the vertical one, the cone through the ramp's clearance where the pass is committed;
 # what exceeds it farther out can still shrink.
 LEVELS = (4.0, RAMP_CLEARANCE_M), (math.radians(2.0), math.atan(RAMP_CLEARANCE_M / COMMITTED_M))
