@@ -1,28 +1,27 @@
 """Fit the models by which landings are seen without pictures, and check each against the way it was fitted to.
 
-python scripts/fit_sights.py render LOOKS       # fly rendered approaches, one file of looks each; resumes
+python scripts/fit_sights.py render LOOKS       # fly rendered approaches, one file of looks each; resumes; --jobs N
 python scripts/fit_sights.py detection LOOKS    # fit detection_model.json to half of them
-python scripts/fit_sights.py points POINTS      # fly approaches by points, one file each; resumes
+python scripts/fit_sights.py points POINTS      # fly approaches by points, one file each; resumes; --jobs N
 python scripts/fit_sights.py guidance POINTS    # fit guidance_model.json to half of them
 python scripts/fit_sights.py check LOOKS POINTS # compare on those kept apart
 """
 
 import argparse
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.progress import track
 
 from deckline.atomic import write_atomic
 from deckline_lab.campaigns.compare import error_table, status_table
 from deckline_lab.campaigns.fit_detection import fit_detection, read_flight
 from deckline_lab.campaigns.fit_guidance import fit_guidance, gather
-from deckline_lab.campaigns.looks import approach_moments, fly_looks, look_record, read_looks, write_looks
+from deckline_lab.campaigns.looks import approach_moments, fly_looks, look_record, looks_json, read_looks
 from deckline_lab.evaluation.tables import markdown
 from deckline_sim.landing import detection_model, guidance_model
 from deckline_sim.landing.config import LandingCamera, LandingConfig
@@ -30,12 +29,14 @@ from deckline_sim.landing.guidance_sight import GuidanceSight
 from deckline_sim.landing.point_sight import PointSight
 from deckline_sim.landing.rendered_sight import RenderedSight
 from deckline_sim.landing.surroundings import Surroundings
+from deckline_sim.progress import progress
+from deckline_sim.task_files import write_missing
 
 RENDERED_SEED, POINTS_SEED = 7000, 8000  # the shipped weights never saw seeds from 1000 on
 SEEN_VISIBILITIES = 1.5  # distance where a flight begins, in visibilities: hardly anything is seen beyond
 FARTHEST_M = 1500.0
 RATE_HZ = 5.0  # of rendered flights: a frame takes seconds to render and search on a busy processor
-RENDERED = (  # ship, visibility, m, sea state, time of day; in turn fitted to and kept apart
+SETTINGS = (  # ship, visibility, m, sea state, time of day
     *(("cvn", 1000.0, 3.0, "day"), ("cvn", 800.0, 2.0, "day")),
     *(("cvn", 500.0, 4.0, "dusk"), ("cvn", 600.0, 5.0, "day")),
     *(("paper", 700.0, 2.0, "day"), ("paper", 900.0, 3.0, "day")),
@@ -44,6 +45,7 @@ RENDERED = (  # ship, visibility, m, sea state, time of day; in turn fitted to a
     *(("paper", 1200.0, 4.0, "day"), ("paper", 1000.0, 1.0, "dusk")),
     *(("cvn", 700.0, 5.0, "day"), ("cvn", 1000.0, 0.0, "dusk")),
 )
+RENDERED = (*SETTINGS, *SETTINGS[1:], SETTINGS[0])  # in turn fitted to and kept apart; the second time the other way
 BY_POINTS = tuple(  # repetition (fitted to, kept apart), visibility, m, navigation, sea state
     product(range(2), (300.0, 700.0, 1500.0), guidance_model.GRADES, (1.0, 4.0))
 )
@@ -66,32 +68,42 @@ def landing_config(
     )
 
 
-def render(out: Path) -> None:
+def render(out: Path, jobs: int) -> None:
     """Fly the rendered approaches that `out` does not hold."""
-    models = None
-    for number, (ship, visibility_m, sea_state, time_of_day) in enumerate(RENDERED):
-        path = out / f"{number:02d}.json"
-        if path.exists():
-            continue
-        config = landing_config(ship, visibility_m, sea_state, time_of_day, "good", RATE_HZ)
-        with RenderedSight(config, RENDERED_SEED + number, models) as sight:
-            looks = []
-            for moment in track(approach_moments(sight.surroundings), path.name):
-                found = sight.see(moment)
-                detection = None if sight.result is None else sight.result.detection
-                looks.append(look_record(sight.surroundings, moment, found, detection))
-            write_looks(path, sight.surroundings, looks)
-            models = sight.flight
+    write_flights(rendered_flight, len(RENDERED), out, jobs)
 
 
-def fly_points(out: Path) -> None:
+def rendered_flight(number: int) -> bytes:
+    """The looks of one rendered approach."""
+    ship, visibility_m, sea_state, time_of_day = RENDERED[number]
+    config = landing_config(ship, visibility_m, sea_state, time_of_day, "good", RATE_HZ)
+    with RenderedSight(config, RENDERED_SEED + number) as sight:
+        looks = []
+        for moment in approach_moments(sight.surroundings):
+            found = sight.see(moment)
+            detection = None if sight.result is None else sight.result.detection
+            looks.append(look_record(sight.surroundings, moment, found, detection))
+        return looks_json(sight.surroundings, looks)
+
+
+def fly_points(out: Path, jobs: int) -> None:
     """Fly the approaches by points that `out` does not hold."""
-    for number, (_, visibility_m, navigation, sea_state) in enumerate(track(BY_POINTS, "points")):
-        path = out / f"{number:03d}.json"
-        if not path.exists():
-            config = landing_config("cvn", visibility_m, sea_state, "day", navigation, 10.0)
-            with PointSight(config, POINTS_SEED + number) as sight:
-                write_looks(path, sight.surroundings, fly_looks(sight.surroundings, sight))
+    write_flights(flight_by_points, len(BY_POINTS), out, jobs)
+
+
+def flight_by_points(number: int) -> bytes:
+    """The looks of one approach by points."""
+    _, visibility_m, navigation, sea_state = BY_POINTS[number]
+    config = landing_config("cvn", visibility_m, sea_state, "day", navigation, 10.0)
+    with PointSight(config, POINTS_SEED + number) as sight:
+        return looks_json(sight.surroundings, fly_looks(sight.surroundings, sight))
+
+
+def write_flights(fly: Callable[[int], bytes], count: int, out: Path, jobs: int) -> None:
+    """Write the missing ones of OUT/000.json, OUT/001.json, ..."""
+    files = {out / f"{number:03d}.json": number for number in range(count)}
+    with progress("flying", count, sum(path.exists() for path in files), "approaches") as advance:
+        write_missing(fly, files, jobs, lambda _: advance(1))
 
 
 def read_flights(folder: Path) -> list[Flight]:
@@ -158,21 +170,26 @@ def fly_again(scene: Surroundings, sight: type[PointSight] | type[GuidanceSight]
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    steps = {
-        "render": render,
-        "detection": write_detection_model,
-        "points": fly_points,
-        "guidance": write_guidance_model,
-    }
-    parser.add_argument("step", choices=(*steps, "check"))
+    parser.add_argument("step", choices=("render", "detection", "points", "guidance", "check"))
     parser.add_argument("folders", type=Path, nargs="+", help="LOOKS or POINTS; check takes both")
+    parser.add_argument("--jobs", type=int, default=0, help="processes that fly; 0: one for every core")
     given = parser.parse_args()
     wanted = 2 if given.step == "check" else 1
     if len(given.folders) != wanted:
         parser.error(f"{given.step} takes {wanted} folders, got {len(given.folders)}")
     for folder in given.folders:
         folder.mkdir(parents=True, exist_ok=True)
-    (check if given.step == "check" else steps[given.step])(*given.folders)
+    match given.step:
+        case "render":
+            render(*given.folders, given.jobs)
+        case "points":
+            fly_points(*given.folders, given.jobs)
+        case "detection":
+            write_detection_model(*given.folders)
+        case "guidance":
+            write_guidance_model(*given.folders)
+        case _:
+            check(*given.folders)
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from deckline.atomic import write_atomic
 from deckline.config_file import config_from_table
 from deckline.types import SIDES, Detection, Guidance, LinePoints, Protection, Value
 from deckline_sim.config import FlightConfig, MotionConfig, SimConfig
@@ -120,13 +119,13 @@ def points_of(rows: list[list[float]]) -> LinePoints:
     return LinePoints(values[:, :2], values[:, 2], values[:, 3])
 
 
-def write_looks(path: Path, scene: Surroundings, looks: list[dict[str, Any]]) -> None:
-    """Write the looks of one flight, with its configuration and seed."""
+def looks_json(scene: Surroundings, looks: list[dict[str, Any]]) -> bytes:
+    """The file of the looks of one flight, with its configuration and seed."""
     data = {"config": asdict(scene.config), "seed": scene.seed, "looks": looks}
-    write_atomic(path, json.dumps(data, separators=(",", ":")).encode())
+    return json.dumps(data, separators=(",", ":")).encode()
 
 
 def read_looks(path: Path) -> tuple[Surroundings, list[dict[str, Any]]]:
-    """The surroundings and the looks of a flight that `write_looks` wrote."""
+    """The surroundings and the looks of a flight that `looks_json` describes."""
     data: Mapping[str, Any] = json.loads(path.read_text())
     return surroundings(config_from_table(LandingConfig, data["config"]), data["seed"]), data["looks"]

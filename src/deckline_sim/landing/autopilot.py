@@ -33,11 +33,10 @@ IDLE = 0.05  # least throttle
 DECISION_M = 350.0  # to the touchdown point
 PATIENCE_S = 0.8
 COMMITTED_M = 90.0  # to the touchdown point: nearer, breaking off comes too late
-WINDOW = (3.0, 1.5), (math.radians(2.0), math.radians(1.0))  # lateral and vertical deviation: at least m, and rad
-RAMP_CLEARANCE_M = 3.5  # of the hook, on the glideslope of `cvn`
-# The same of protection levels. Of the vertical one, the cone through the ramp's clearance where the pass is committed;
-# what exceeds it farther out can still shrink.
-LEVELS = (4.0, RAMP_CLEARANCE_M), (math.radians(2.0), math.atan(RAMP_CLEARANCE_M / COMMITTED_M))
+WINDOW = (3.0, math.radians(2.0)), (1.5, math.radians(1.0))  # lateral and vertical deviation: at least m, and rad
+# The same of the lateral protection level. The vertical one's limit is the hook's clearance of the ramp where the pass
+# is committed, and grows with the distance: what exceeds it farther out can still shrink.
+LATERAL_LEVEL = (4.0, math.radians(2.0))
 GO_AROUND_PITCH_RAD = math.radians(6.0)  # above trim
 USABLE = (Status.OK, Status.UNVERIFIED)
 
@@ -75,6 +74,7 @@ class Autopilot:
     Args:
         trim: the aircraft's state, throttle and airspeed at the start, trimmed on the path.
         slope: height per distance of the glideslope.
+        ramp_clearance_m: height of the glideslope at the ramp, m.
         rate_hz: of `fly`.
         due_s: time of the decision range by dead reckoning, for an aircraft that has heard nothing.
         has_limits: whether too large protection levels break the pass off.
@@ -85,6 +85,7 @@ class Autopilot:
         trim: AircraftState,
         trim_throttle: float,
         slope: float,
+        ramp_clearance_m: float,
         rate_hz: float,
         due_s: float,
         has_limits: bool = True,
@@ -94,6 +95,7 @@ class Autopilot:
         self._trim, self._throttle, self._slope = trim, trim_throttle, slope
         self._step_s, self._due_s, self._has_limits = 1 / rate_hz, due_s, has_limits
         self._path_integral = self._speed_integral = 0.0
+        self._levels = LATERAL_LEVEL, (ramp_clearance_m, math.atan(ramp_clearance_m / COMMITTED_M))
         self._at_exposure: AircraftState | None = None
         self._ok: Guidance | None = None  # the last `ok` answer of the picture
 
@@ -156,7 +158,7 @@ class Autopilot:
             return WaveOff.LOST
         level = ok.protection
         if self._has_limits and (
-            level is None or not _is_within(LEVELS, level.lateral_m, level.vertical_m, found.to_go_m)
+            level is None or not _is_within(self._levels, level.lateral_m, level.vertical_m, found.to_go_m)
         ):
             return WaveOff.LEVEL
         return None if in_window(found.lateral_m, found.height_m, found.to_go_m) else WaveOff.WINDOW
@@ -193,7 +195,7 @@ def in_window(lateral_m: float, height_m: float, to_go_m: float) -> bool:
 def _is_within(
     limits: tuple[tuple[float, float], tuple[float, float]], lateral_m: float, height_m: float, to_go_m: float
 ) -> bool:
-    largest = (max(least, math.tan(angle) * to_go_m) for least, angle in zip(*limits, strict=True))
+    largest = (max(least, math.tan(angle) * to_go_m) for least, angle in limits)
     return all(abs(off) <= limit for off, limit in zip((lateral_m, height_m), largest, strict=True))
 
 

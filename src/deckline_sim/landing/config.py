@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from deckline.checks import check_choice, check_numbers
+from deckline.config import Models, Tracking
 from deckline_sim.config import LARGEST_PX, Preset, TimeOfDay
 from deckline_sim.landing.aircraft import APPROACHES
 from deckline_sim.ship.ship_class import SHIP_CLASSES
@@ -70,8 +71,10 @@ class LandingConfig:
     """What the aircraft follows: navigation and picture, navigation alone, or the picture without a pose."""
     sight: SightKind = "points"
     """How the picture is seen: rendered, as modelled points through deckline, or as modelled guidance."""
-    detector: str = "hybrid"
-    """Name of the line detector, or the path of an .onnx file; models of sights belong to one detector."""
+    models: Models = field(default_factory=Models)
+    """Dehazer and detector of rendered pictures; the modelled sights are of the shipped ones."""
+    tracking: Tracking = field(default_factory=Tracking)
+    """The filter over frames of rendered pictures and points."""
     level_limits: bool = True
     """Whether a protection level that is too large breaks the pass off."""
     fault: str | None = None
@@ -94,6 +97,10 @@ class LandingConfig:
             raise ValueError(f"visibility_m must be positive, got {self.visibility_m}")
         if self.guidance == "picture" and self.sight == "guidance":
             raise ValueError("sight 'guidance' does not model guidance 'picture': use sight 'points' or 'rendered'")
+        if self.models != Models() and self.sight != "rendered":
+            raise ValueError(f"sight {self.sight!r} is of the shipped models: fly others with sight 'rendered'")
+        if self.tracking != Tracking() and self.sight == "guidance":
+            raise ValueError("sight 'guidance' is of the usual tracking: fly another with sight 'points' or 'rendered'")
         check_numbers(self, "", "sea_state", least=0.0, most=6.0)
         check_numbers(self, "", "ship_speed_m_s", least=0.0, most=20.0)
         check_numbers(self, "", "wind_m_s", least=0.0, most=25.0)

@@ -203,6 +203,7 @@ class _Pass:
             aircraft.state,
             aircraft.trim_throttle,
             scene.run.approach.slope,
+            ramp_clearance_m=scene.run.approach.slope * deck.touchdown_m,
             rate_hz=DYNAMICS_HZ / AUTOPILOT_EVERY,
             has_limits=config.level_limits,
             due_s=(config.start_m + scene.deck.touchdown_m - DECISION_M) / aircraft.state.airspeed_m_s,

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from deckline.config import GRADES, Approach, Models, RunConfig, Sensors
+from deckline.config import GRADES, Approach, RunConfig, Sensors
 from deckline.config import Deck as KnownDeck
 from deckline.flight import Flight
 from deckline.geometry import Camera, camera_mount
@@ -92,7 +92,7 @@ def run_config(config: LandingConfig, layout: Layout, motion: ShipMotion, touchd
         ship_velocity_m_s=(float(north), float(east)) if has_datalink else None,
     )
     approach = Approach(touchdown_m=touchdown_m, point_m=APPROACHES[config.aircraft].hook_m)
-    return RunConfig(GRADES[config.navigation], deck, approach=approach, models=Models(detector=config.detector))
+    return RunConfig(GRADES[config.navigation], deck, approach=approach, models=config.models, tracking=config.tracking)
 
 
 def navigation_unit(sensors: Sensors) -> NavigationConfig:

@@ -11,7 +11,7 @@ from deckline.types import DepthMode, Guidance, Status
 from deckline_lab.campaigns.compare import error_table, status_table
 from deckline_lab.campaigns.fit_detection import FlightLooks, both_below, fit_detection, fit_presence, read_flight
 from deckline_lab.campaigns.fit_guidance import Looks, fit_guidance, fit_transitions
-from deckline_lab.campaigns.looks import approach_moments, look_record, read_looks, write_looks
+from deckline_lab.campaigns.looks import approach_moments, look_record, looks_json, read_looks
 from deckline_sim.flight.viewpoints import ship_pose
 from deckline_sim.landing.config import LandingCamera, LandingConfig
 from deckline_sim.landing.detection_model import DetectionModel, read_detection_model
@@ -123,7 +123,7 @@ def test_looks_survive_their_file(tmp_path: Path) -> None:
     scene = surroundings(CONFIG, 3)
     moment, sight = approach_moments(scene)[5], NavigationSight(CONFIG, 3)
     looks = [look_record(scene, moment, sight.see(moment), None)]
-    write_looks(tmp_path / "one.json", scene, looks)
+    (tmp_path / "one.json").write_bytes(looks_json(scene, looks))
     again, read = read_looks(tmp_path / "one.json")
     assert again.config == CONFIG and again.seed == 3
     assert read == looks

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from exact_sight import ExactSight
 
+from deckline.config import Models, Tracking
 from deckline_sim.landing.aircraft import DYNAMICS_HZ, Aircraft, Controls
 from deckline_sim.landing.autopilot import WaveOff, in_window
 from deckline_sim.landing.config import LandingCamera, LandingConfig
@@ -82,6 +83,8 @@ def test_the_window_narrows_towards_the_deck(lateral, height, to_go, inside):
         ({"visibility_m": 0.0}, "visibility_m"),
         ({"sight": "eyes"}, "eyes"),
         ({"start_m": 100.0}, "100.0"),
+        ({"models": Models(detector="ufld")}, "rendered"),
+        ({"sight": "guidance", "tracking": Tracking(enabled=False)}, "rendered"),
     ],
 )
 def test_impossible_settings_are_named(changes, named):
