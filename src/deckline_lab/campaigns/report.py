@@ -16,14 +16,11 @@ from deckline_lab.campaigns.plan import CampaignPlan
 from deckline_lab.campaigns.summary import (
     GOOD,
     MISLEADING,
-    NOTES,
-    WEIGHTED_NOTE,
-    CellSummary,
     FlownLanding,
     name_cell,
     summarise_group,
-    summary_tables,
 )
+from deckline_lab.evaluation.tables import Table
 from deckline_lab.statistics import VISIBILITY_M
 from deckline_sim.landing.touchdown import Outcome
 
@@ -35,20 +32,24 @@ LISTED = 6  # landings of one outcome
 
 
 def campaign_html(
-    plan: CampaignPlan, cells: Sequence[CellSummary], landings: Sequence[FlownLanding], heading: str
+    plan: CampaignPlan,
+    landings: Sequence[FlownLanding],
+    heading: str,
+    tables: Sequence[Table],
+    notes: Sequence[str],
 ) -> str:
     """The report as one HTML text, pictures inside.
 
     Args:
         plan: the campaign.
-        cells: of `summarise`, at least one.
         landings: all of them.
         heading: of the page.
+        tables: those of `summary_tables`, and what else is to be shown.
+        notes: to the tables.
 
     Raises:
         ImportError: the viz extra is not installed.
     """
-    weighted = plan.importance is not None
     bad = [landing for landing in landings if not landing.has(GOOD)]
     seeds = [{landing.seed: landing for landing in bad if landing.outcome == outcome} for outcome in Outcome]
     by_outcome = [[*of.values()][:LISTED] for of in seeds]
@@ -58,8 +59,8 @@ def campaign_html(
         subtitle=f"seen by {plan.landing.sight}",
         cards=list(_cards(plan, landings)),
         figures=list(_figures(plan, landings)),
-        tables=summary_tables(cells, weighted),
-        notes=[NOTES, *([WEIGHTED_NOTE] if weighted else [])],
+        tables=tables,
+        notes=notes,
         failures=[
             (_words(each.outcome), each.seed, name_cell(_rounded(each.settings))) for of in by_outcome for each in of
         ],

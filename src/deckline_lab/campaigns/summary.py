@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from deckline.files import parse_plain, read_regular
-from deckline_lab.campaigns.plan import CampaignPlan
+from deckline_lab.campaigns.plan import CampaignPlan, Settings
 from deckline_lab.campaigns.runner import shard_files
 from deckline_lab.campaigns.shares import Share, estimate_share
 from deckline_lab.evaluation.tables import MISSING, Table, number
@@ -161,7 +161,7 @@ def summary_tables(cells: Sequence[CellSummary], weighted: bool) -> list[Table]:
     return [Table("outcomes", columns, shares), Table("touchdowns", of, places)]
 
 
-def name_cell(settings: dict[str, Any]) -> str:
+def name_cell(settings: Settings) -> str:
     """A cell in words, such as `visibility_m 300, sea_state 4`."""
     return ", ".join(f"{name} {value}" for name, value in settings.items()) or "all"
 

@@ -8,6 +8,7 @@ import tyro
 
 from deckline.atomic import write_atomic
 from deckline.files import print_line, printable
+from deckline_lab.campaigns.agreement import NOTE, agreement_table, read_campaign, shared_cells
 from deckline_lab.campaigns.landings import check_landing, fly_landing
 from deckline_lab.campaigns.plan import read_plan
 from deckline_lab.campaigns.report import REPORT_FILE, campaign_html
@@ -30,6 +31,7 @@ def campaign(
     out: Path,
     ray: Annotated[tuple[str, ...] | None, tyro.conf.arg(metavar="[ADDRESS]", help_behavior_hint="")] = None,
     jobs: int = 0,
+    against: Path | None = None,
 ) -> int:
     """Fly a campaign of landings, and write what it adds up to.
 
@@ -40,19 +42,26 @@ def campaign(
         out: folder of the shards, summary.json and report.html.
         ray: fly as Ray tasks, on the cluster at ADDRESS (HOST:PORT, or auto), without it on one that is started here.
         jobs: processes, without --ray; 0: one for every core.
+        against: folder of a campaign to compare with, in the cells that both have.
     """
     flown, workers = read_plan(plan), choose_workers(ray, jobs)
+    other = None if against is None else read_campaign(against)
+    if other is not None:
+        shared_cells(flown, other[0])  # refuses a campaign without any, before hours are flown
     run_campaign(flown, out, fly_landing, check_landing, workers)
     landings = read_landings(flown, out)
     cells, weighted = summarise(flown, landings), flown.importance is not None
     title = f"{plan.stem}: {len(landings)} landings, {len(cells)} cells, seen by {flown.landing.sight}"
     tables, notes = summary_tables(cells, weighted), [NOTES, *([WEIGHTED_NOTE] if weighted else [])]
+    if other is not None:
+        tables.append(agreement_table(flown, landings, *other))
+        notes.append(NOTE)
     print_tables(title, made_with(), tables, notes)
     summary = {"title": title, "made_with": made_with(), **summary_json(cells)}
     write_atomic(out / SUMMARY_FILE, (json.dumps(summary, indent=1, allow_nan=False) + "\n").encode())
     print(printable(out / SUMMARY_FILE))
     try:
-        page = campaign_html(flown, cells, landings, plan.stem)
+        page = campaign_html(flown, landings, plan.stem, tables, notes)
     except ImportError as error:
         print_line(f"no {REPORT_FILE}: {error}")
         return 0
@@ -80,5 +89,6 @@ EXAMPLES = {
     "deckline campaign": (
         "deckline campaign examples/campaigns/fog.toml --out fog",
         "deckline campaign examples/campaigns/fog.toml --out fog --ray 10.0.0.1:6379",
+        "deckline campaign examples/campaigns/points.toml --out points --against rendered",
     ),
 }

@@ -19,6 +19,7 @@ from deckline_lab.campaigns.summary import (
     read_landings,
     summarise,
     summarise_group,
+    summary_tables,
 )
 from deckline_sim.landing.touchdown import Outcome
 
@@ -125,7 +126,7 @@ def test_the_page_holds_pictures_and_no_address(flown):
     pytest.importorskip("matplotlib")
     plan, out = flown
     landings = read_landings(plan, out)
-    page = campaign_html(plan, summarise(plan, landings), landings, "fog <1>")
+    page = campaign_html(plan, landings, "fog <1>", summary_tables(summarise(plan, landings), False), [])
     assert page.count("data:image/png;base64,") == 3
     assert "fog &lt;1&gt;" in page
     assert "http" not in page.replace("http-equiv", "")
