@@ -215,6 +215,11 @@ def attitude(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Rotation:
     return Rotation.from_euler("ZYX", [yaw_rad, pitch_rad, roll_rad])
 
 
+def rotation_matrix(pose: RigidTransform) -> NDArray[np.float64]:
+    """The rotation (3, 3) of a pose; `pose.rotation.as_matrix()` makes and normalises a quaternion first."""
+    return np.asarray(pose.as_matrix()[:3, :3])
+
+
 def camera_mount(translation_m: ArrayLike = (0.0, 0.0, 0.0), mount: Rotation | None = None) -> RigidTransform:
     """body_from_camera (optical) of a camera at a body position whose viewing axis is turned by `mount`.
 

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -305,8 +306,9 @@ class Frame:
             return NO_CAMERA
         return NO_POSE if self.world_from_body is None else None
 
-    @property
+    @cached_property
     def world_from_camera(self) -> RigidTransform | None:
+        """Pose of the optical frame; None without a pose."""
         return None if self.world_from_body is None else self.world_from_body * self.body_from_camera
 
     @property

@@ -60,7 +60,7 @@ def bounds(frame, exact, mode, config, relative):
 
 @pytest.mark.parametrize("case", CASES)
 def test_errors_reach_the_bound_and_match_the_covariance(case, monkeypatch):
-    """400 measurements of one scene: NEES in its 95 % band, efficiency at least 0.8."""
+    """400 measurements of one scene: NEES in its 99.8 % band, 24 of which are tested; efficiency at least 0.8."""
     monkeypatch.setattr(solver, "CORRELATION", 0.0)
     monkeypatch.setattr(solver, "CORRELATION_SIGMA", 0.0)
     mode, range_m, height_m, sigma_px, count = CASES[case]
@@ -72,7 +72,7 @@ def test_errors_reach_the_bound_and_match_the_covariance(case, monkeypatch):
     nees = {key: [] for key in errors}
     for _ in range(DRAWS):
         noisy_frame, found = add_noise(frame, exact, config.noise, rng)
-        estimate = locate(noisy_frame, found, config, rng)
+        estimate = locate(noisy_frame, found, config)
         assert estimate.seen is LineVisibility.BOTH
         for name, truth in TRUTHS.items():
             line = estimate.lines[name]
@@ -84,7 +84,7 @@ def test_errors_reach_the_bound_and_match_the_covariance(case, monkeypatch):
                 error, covariance = error_at(*pose, truth, AT_M)
                 errors[name, kind].append(error)
                 nees[name, kind].append(error @ np.linalg.solve(covariance, error))
-    low, high = chi2.ppf([0.025, 0.975], 3 * DRAWS) / DRAWS
+    low, high = chi2.ppf([0.001, 0.999], 3 * DRAWS) / DRAWS
     assert {key: low < np.mean(values) < high for key, values in nees.items()} == dict.fromkeys(nees, True)
     for kind in ("world", "relative"):
         for name, bound in bounds(frame, exact, mode, config, kind == "relative").items():

@@ -7,7 +7,7 @@ Everything lives in the network's own image: (0, 0) is the centre of its top-lef
 Source: row anchors after UFLD (Qin, Wang and Li, 2020).
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -27,6 +27,7 @@ KNOWN_OUTPUTS = (ROW_OUTPUTS, HYBRID_OUTPUTS, EDGE_OUTPUTS, MAP_OUTPUTS)
 EDGES = tuple(EdgeKind)  # classes of the edge, in their order
 MAP_PEAK = 0.3  # that the best cell of a map's row must exceed; published (CULane)
 MAP_EXISTENCE = 0.5  # that the probability of a map's line must exceed; published
+MOST_LOG_ODDS = 100.0  # of no line over the best cell, so that they are finite
 SMALLEST_SHARE = 1e-9  # of a row, so that logarithms are finite
 STRIDE = 16  # px of the network's image per region cell
 SIZE_PX = 64.0  # px; a box of that size has log size 0
@@ -101,14 +102,18 @@ class DecodeConfig:
 
 @dataclass(frozen=True, eq=False)
 class RowPoints:
-    """One line's position on every row anchor."""
+    """Positions on every row anchor, of one line or, with a first axis, of several."""
 
     x_px: Float64
-    """(rows,) in the network's image; NaN where there is no line."""
+    """(..., rows) in the network's image; NaN where there is no line."""
     confidence: Float64
-    """(rows,) probability that the line lies in the window whose mean x is."""
+    """(..., rows) probability that the line lies in the window whose mean x is."""
     sigma_px: Float64
-    """(rows,) 1-sigma of x, in the network's image; NaN where there is no line."""
+    """(..., rows) 1-sigma of x, in the network's image; NaN where there is no line."""
+
+    def __iter__(self) -> Iterator["RowPoints"]:
+        """Every line's, where there are several."""
+        return map(RowPoints, self.x_px, self.confidence, self.sigma_px)
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +152,7 @@ def network_output(outputs: Mapping[str, Float32], grid: RowGrid) -> NetworkOutp
 
 
 def decode(logits: Float32, grid: RowGrid, config: DecodeConfig | None = None) -> RowPoints:
-    """Class logits (rows, cells + 1) of one line -> a position per row.
+    """Class logits (..., rows, cells + 1) of one or several lines -> a position per row.
 
     The confidence is the share of the window alone: a row that does not distinguish the runway's edge from a catapult
     track gives each a half, and neither is reliable. The training target itself has a spread: f (1 - f) cells^2 for the
@@ -157,28 +162,26 @@ def decode(logits: Float32, grid: RowGrid, config: DecodeConfig | None = None) -
         ValueError: logits of another shape than the grid's.
     """
     config = config or DecodeConfig()
-    if logits.shape != (grid.rows, grid.cells + 1):
-        raise ValueError(f"expected logits of shape {(grid.rows, grid.cells + 1)}, got {logits.shape}")
+    if logits.shape[-2:] != (grid.rows, grid.cells + 1):
+        raise ValueError(f"expected logits ending in shape {(grid.rows, grid.cells + 1)}, got {logits.shape}")
     values = logits.astype(np.float64)
-    shares = np.exp(values - values.max(axis=1, keepdims=True))
-    shares /= shares.sum(axis=1, keepdims=True)
-    best = values[:, :-1].argmax(axis=1)
+    best = values[..., :-1].argmax(axis=-1)[..., None]
+    odds = np.exp(np.minimum(values - np.take_along_axis(values, best, axis=-1), MOST_LOG_ODDS))  # over the best cell's
     cells = np.arange(grid.cells)
-    near = np.abs(cells - best[:, None]) <= config.window_cells
-    weights = np.exp(values[:, :-1] - values[:, :-1].max(axis=1, keepdims=True)) * near
-    weights /= weights.sum(axis=1, keepdims=True)
-    mean = (weights * cells).sum(axis=1)
-    spread = (weights * (cells - mean[:, None]) ** 2).sum(axis=1)
+    weights = np.where(np.abs(cells - best) <= config.window_cells, odds[..., :-1], 0.0)
+    inside, total = weights.sum(axis=-1), odds.sum(axis=-1)
+    mean = weights @ cells / inside
+    spread = (weights * (cells - mean[..., None]) ** 2).sum(axis=-1) / inside
     fraction = mean - np.floor(mean)
     target = config.stripe_cells**2 / 12 if config.stripe_cells > 0 else fraction * (1 - fraction)
     variance = np.maximum(spread - target, 0.0) + config.sigma_floor_cells**2
     if config.min_line_share is None:
-        line = values.argmax(axis=1) < grid.cells
+        line = odds[..., -1] <= 1.0
     else:
-        line = shares[:, :-1].sum(axis=1) >= config.min_line_share
+        line = 1.0 - odds[..., -1] / total >= config.min_line_share
     return RowPoints(
         np.where(line, grid.x_from_cell(mean), np.nan),
-        (shares[:, :-1] * near).sum(axis=1),
+        inside / total,
         np.where(line, np.sqrt(variance) * grid.cell_px, np.nan),
     )
 

@@ -86,13 +86,13 @@ def is_final(closer: Crop, crop: Crop, config: DetectConfig) -> bool:
 
 def decode_lines(output: NetworkOutput, crop: Crop, config: DetectConfig) -> Detection:
     """The lines that the network sees in a crop, in image px; the detection's region is the crop's."""
-    rows = [decode(line, config.grid, config.decode) for line in output.rows]
+    rows = list(decode(output.rows, config.grid, config.decode))
     region = crop.bounds(config.grid.width, config.grid.height)
     if _is_right_of(rows[0], rows[1]):
         return Detection(LinePoints.empty(), LinePoints.empty(), region)  # left right of right: not a runway
     lines = [_row_points(line, crop, config) for line in rows]
     if output.columns is not None:
-        columns = [decode(line, config.grid.transposed, config.decode) for line in output.columns]
+        columns = decode(output.columns, config.grid.transposed, config.decode)
         by_column = [_column_points(line, crop, config) for line in columns]
         # A steep line crosses more rows than columns; where it has more anchors, its points are better.
         lines = [flat if len(flat) > len(steep) else steep for steep, flat in zip(lines, by_column, strict=True)]

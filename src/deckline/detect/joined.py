@@ -18,7 +18,7 @@ from scipy.spatial.transform import RigidTransform
 from deckline.detect.crop import CONTRAST_FLOOR, Box, Crop, normalise, sample_crop
 from deckline.detect.registration import measure_shift
 from deckline.detect.search import CropView, Search
-from deckline.geometry import Camera
+from deckline.geometry import Camera, rotation_matrix
 from deckline.types import Frame, RunwayPrior
 
 MAX_FRAMES = 8  # pictures kept; noise falls by their square root
@@ -158,9 +158,9 @@ def plane_homography(
         return None
     moved = new.world_from_camera.translation - old.world_from_camera.translation
     moved[:2] -= (new.time_s - old.time_s) * velocity_m_s
-    world_from_new = new.world_from_camera.rotation.as_matrix()
+    world_from_new = rotation_matrix(new.world_from_camera)
     in_plane = np.eye(3) + np.outer(moved, [0.0, 0.0, 1.0]) / height_m
-    return np.asarray(old.world_from_camera.rotation.as_matrix().T @ in_plane @ world_from_new)
+    return np.asarray(rotation_matrix(old.world_from_camera).T @ in_plane @ world_from_new)
 
 
 def _sample(

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from deckline.config import Approach
-from deckline.geometry import wrap_angle
+from deckline.geometry import rotation_matrix, wrap_angle
 from deckline.types import (
     ASSUMED_CAMERA,
     MAX_FOCAL_SIGMA,
@@ -210,7 +210,7 @@ def _lateral_deviation(place_m: np.ndarray, centre: RunwayLine) -> Value:
 
 def _heading_error(body: RigidTransform, centre: RunwayLine) -> Value | None:
     """The nose's azimuth minus the centre line's, rad; None for a nose that points straight up or down."""
-    nose = body.rotation.apply([1.0, 0.0, 0.0])
+    nose = rotation_matrix(body)[:, 0]
     if np.hypot(nose[0], nose[1]) < MIN_LEVEL_SHARE:
         return None
     error = wrap_angle(np.arctan2(nose[1], nose[0]) - centre.azimuth_rad)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.config import FrameNoise, Mode
-from deckline.geometry import intersect_plane
+from deckline.geometry import intersect_plane, rotation_matrix
 from deckline.types import NO_POSE, DepthMode, Diagnostic, Frame, Reason
 
 Array = NDArray[np.float64]
@@ -133,7 +133,13 @@ def _no_depth(why: str) -> tuple[DepthMode, Diagnostic]:
 
 
 def locate_points(
-    frame: Frame, points_px: Array, sigma_px: Array, index: NDArray[np.int64], mode: DepthMode, noise: FrameNoise
+    frame: Frame,
+    points_px: Array,
+    sigma_px: Array,
+    index: NDArray[np.int64],
+    mode: DepthMode,
+    noise: FrameNoise,
+    deck_z_m: float | None = None,
 ) -> DeckPoints:
     """Detected points back-projected into the world; points without a distance are left out.
 
@@ -146,6 +152,7 @@ def locate_points(
         index: (N,) numbers of the points, passed on to the result.
         mode: FINE or COARSE.
         noise: 1-sigma of everything else.
+        deck_z_m: height of the deck; None: the frame's.
 
     Raises:
         ValueError: a frame that lacks what the mode needs.
@@ -153,23 +160,25 @@ def locate_points(
     world_from_camera, depth = frame.world_from_camera, frame.depth_m
     if world_from_camera is None or frame.world_from_body is None:
         raise ValueError(f"{frame.file}: {NO_POSE.message}")
-    origin, rotation = world_from_camera.translation, world_from_camera.rotation
-    rays = rotation.apply(frame.camera.rays(points_px))
+    origin, camera_from_world = world_from_camera.translation, rotation_matrix(world_from_camera).T
+    optical = frame.camera.rays(points_px)
+    rays = optical @ camera_from_world
     if mode is DepthMode.FINE and depth is not None:
         points = origin + sample_depth(depth, points_px)[:, None] * rays
-    elif mode is DepthMode.COARSE and frame.deck_z_m is not None:
-        points = intersect_plane(origin, rays, frame.deck_z_m)
+    elif mode is DepthMode.COARSE and (plane_z_m := frame.deck_z_m if deck_z_m is None else deck_z_m) is not None:
+        points = intersect_plane(origin, rays, plane_z_m)
     else:
         raise ValueError(f"{frame.file}: mode {mode} needs what the frame does not have")
     usable = np.isfinite(points).all(axis=1) & (rays[:, 2] > MIN_DOWN)
     points, rays, px = points[usable], rays[usable], points_px[usable]
     distance = ((points - origin) * rays).sum(axis=1) / (rays**2).sum(axis=1)
     step = np.column_stack([np.maximum(sigma_px[usable], MIN_SIGMA_PX), np.zeros(len(px))])
-    ray_step = rotation.apply(frame.camera.rays(px + step) - frame.camera.rays(px - step)) / 2
+    after, before = frame.camera.rays(np.concatenate([px + step, px - step])).reshape(2, -1, 3)
+    ray_step = (after - before) @ camera_from_world / 2
     pixel = _project_on_plane(distance[:, None] * ray_step, rays)
     depth_step = distance[:, None] * rays * (noise.depth_fraction if mode is DepthMode.FINE else 0.0)
-    flat = frame.camera.rays(px) * [-noise.focal_fraction, -noise.focal_fraction, 0.0]
-    calibration = distance[:, None] * np.stack([rotation.apply(flat), rays * noise.depth_scale])
+    flat = optical[usable] * [-noise.focal_fraction, -noise.focal_fraction, 0.0]
+    calibration = distance[:, None] * np.stack([flat @ camera_from_world, rays * noise.depth_scale])
     common = _common_displacements(points, rays, calibration, frame.world_from_body.translation, mode, noise)
     return DeckPoints(index[usable], points, pixel, depth_step, *common)
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.geometry import intersect_plane, wrap_angle
+from deckline.geometry import intersect_plane, rotation_matrix, wrap_angle
 from deckline.localize.depth import DeckPoints
 from deckline.types import (
     NO_POSE,
@@ -202,7 +202,7 @@ def find_near_ends(
         margin = max(MARGIN_STEPS * step, MARGIN_SHARE * nearer, key=np.linalg.norm)
         if not _is_inside(pixels[nearest] + margin, frame, region_px):
             return Diagnostic(Reason.NO_RAMP, f"no ramp: the near end of the {side} line is not in view")
-        rays = pose.rotation.apply(frame.camera.rays(np.stack([pixels[nearest], pixels[nearest] + step])))
+        rays = frame.camera.rays(np.stack([pixels[nearest], pixels[nearest] + step])) @ rotation_matrix(pose).T
         ground = intersect_plane(pose.translation, rays, float(line.points_m[nearest, 2]))
         gap = float(abs((ground[0, :2] - ground[1, :2]) @ centre.direction))
         if not np.isfinite(gap):

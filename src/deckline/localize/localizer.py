@@ -100,8 +100,7 @@ def place_jointly(
         if side in accepted:
             height, sigma = float(accepted[side].point_m[2]), float(np.sqrt(accepted[side].relative_covariance[2, 2]))
             noise = replace(config.noise, deck_z_m=sigma)
-            on_deck = replace(frame, deck_z_m=height)
-            inliers[side] = locate_inliers(on_deck, points[side], pixel_lines[side], DepthMode.COARSE, noise)
+            inliers[side] = locate_inliers(frame, points[side], pixel_lines[side], DepthMode.COARSE, noise, height)
             if not len(inliers[side]):
                 del accepted[side]
                 unsure += (Diagnostic(Reason.NO_POINTS, f"no point of the {side} line lies on the plane of its fit"),)
@@ -154,10 +153,17 @@ def localize(
     return _estimate(frame, detection, pixel_lines, placed, mode, config)
 
 
-def locate_inliers(frame: Frame, points: LinePoints, line: PixelLine, mode: DepthMode, noise: FrameNoise) -> DeckPoints:
-    """A line's inliers on the deck."""
+def locate_inliers(
+    frame: Frame,
+    points: LinePoints,
+    line: PixelLine,
+    mode: DepthMode,
+    noise: FrameNoise,
+    deck_z_m: float | None = None,
+) -> DeckPoints:
+    """A line's inliers on the deck, of this height or, without one, of the frame's."""
     index = np.flatnonzero(line.inliers)
-    return locate_points(frame, points.points_px[index], points.sigma_px[index], index, mode, noise)
+    return locate_points(frame, points.points_px[index], points.sigma_px[index], index, mode, noise, deck_z_m)
 
 
 def _estimate(

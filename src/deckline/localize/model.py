@@ -7,11 +7,11 @@ The aircraft's heading and position are not observable in one frame: their error
 error of its height is observable, against the reported deck height; the prior of that height includes it.
 """
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from deckline.config import Deck, FrameNoise
 from deckline.localize.depth import MIN_DOWN
@@ -24,6 +24,7 @@ MIN_SIGMA_RAD = 1e-5
 MIN_DEPTH_FRACTION = 1e-4
 MIN_HEIGHT_M = 1e-2  # of the camera over the deck; smaller heights are clamped
 DOWN = np.array([0.0, 0.0, 1.0])
+NEXT, LAST = np.array([1, 2, 0]), np.array([2, 0, 1])  # cyclic axes of a cross product
 # Factor on the stated 1-sigma of the angle between the lines: one frame may not see both over the same stretch.
 PARALLEL_FACTOR = 2.0
 CENTRE_SIGMA_M = 0.1  # of a painted centre line's place midway between the edge lines
@@ -89,7 +90,7 @@ def linearize_measurements(
     observations: Observations, state: FitState, plane: DeckPlane, noise: FrameNoise
 ) -> tuple[Terms, Terms]:
     """Terms of all points' pixels (N,), normal to the line in the image, and of the existing depths (D,)."""
-    attitude_error = Rotation.from_rotvec([*state.nuisances[:2] * noise.attitude_rad, 0.0]).as_matrix()
+    attitude_error = tilt_matrix(*state.nuisances[:2] * noise.attitude_rad)
     lever_arm = attitude_error @ (observations.camera_m - observations.body_m)
     rotation = attitude_error @ observations.rotation
     focal_scale = 1.0 + state.nuisances[2] * noise.focal_fraction
@@ -127,20 +128,21 @@ def _linearize_pixels(context: Linearization) -> Terms:
     state, line = context.state, context.observations.line
     count, noise, lever_arm = len(state.azimuths_rad), context.noise, context.lever_arm
     offsets = (state.points_m - context.plane.origin_m) @ context.plane.axes.T  # (L, 2) along and across
-    heading = np.stack([np.cos(state.azimuths_rad), np.sin(state.azimuths_rad)], axis=1)
+    right = right_vectors(state.azimuths_rad)
+    heading = np.stack([right[:, 1], -right[:, 0]], axis=1)
     gains = heading @ context.plane.axes.T  # (L, 2) of a line, per slope
-    point = np.column_stack([state.points_m, state.z_m + offsets @ context.slopes]) - context.camera_m
-    direction = np.column_stack([heading, gains @ context.slopes])
-    lateral = np.column_stack([-heading[:, 1], heading[:, 0], np.zeros(count)])
-    arm_changes = ([0.0, lever_arm[2], -lever_arm[1]], [-lever_arm[2], 0.0, lever_arm[0]])
-    down, roll_arm, pitch_arm = (np.broadcast_to(v, (count, 3)) for v in (DOWN, *arm_changes))
-    normal, by_offset, by_azimuth, by_height, by_gain, by_roll, by_pitch = _cross(
-        np.stack([point, lateral, point, down, point, roll_arm, pitch_arm]),
-        np.stack([direction, direction, lateral, direction, down, direction, direction]),
-    )
-    zero = np.zeros(count)
-    by_roll = by_roll + np.column_stack([zero, normal[:, 2], -normal[:, 1]])
-    by_pitch = by_pitch + np.column_stack([-normal[:, 2], zero, normal[:, 0]])
+    point, direction, lateral = np.zeros((3, count, 3))
+    point[:, :2], point[:, 2] = state.points_m, state.z_m + offsets @ context.slopes
+    point -= context.camera_m
+    direction[:, :2], direction[:, 2], lateral[:, :2] = heading, gains @ context.slopes, right
+    # Factors of the normal, and of its changes by offset, azimuth, height, slope gain, the lever arm in roll and pitch.
+    first, second = np.empty((2, 7, count, 3))
+    first[[0, 2, 4]], first[1], first[3] = point, lateral, DOWN
+    first[5], first[6] = (0.0, lever_arm[2], -lever_arm[1]), (-lever_arm[2], 0.0, lever_arm[0])
+    second[:], second[2], second[4] = direction, lateral, DOWN
+    normal, by_offset, by_azimuth, by_height, by_gain, by_roll, by_pitch = _cross(first, second)
+    by_roll[:, 1:] += normal[:, [2, 1]] * [1.0, -1.0]
+    by_pitch[:, ::2] += normal[:, [2, 0]] * [-1.0, 1.0]
     by_slopes = [by_height * offsets[:, k : k + 1] + by_gain * gains[:, k : k + 1] for k in (0, 1)]
     changes = np.stack([by_offset, by_azimuth, by_height, by_roll, by_pitch, *by_slopes], axis=1)
     optical = (normal @ context.rotation)[line]
@@ -155,6 +157,15 @@ def _linearize_pixels(context: Linearization) -> Terms:
     jacobian[:, 2 * count + 3] = (optical * closest)[:, :2].sum(axis=1) * (-noise.focal_fraction / context.focal_scale)
     jacobian[:, 2 * count + 5 :] = gradient[:, 5:] * context.plane.slopes
     return Terms(-residual / sigma, jacobian / sigma[:, None])
+
+
+def tilt_matrix(x_rad: float, y_rad: float) -> Array:
+    """Rotation (3, 3) by the rotation vector (x, y, 0). Source: Rodrigues' formula."""
+    angle = math.hypot(x_rad, y_rad)
+    sine, cosine = np.sinc(angle / np.pi), np.sinc(angle / (2 * np.pi)) ** 2 / 2  # sin(a) / a, (1 - cos(a)) / a^2
+    x2, y2, xy = cosine * x_rad**2, cosine * y_rad**2, cosine * x_rad * y_rad
+    x, y = sine * x_rad, sine * y_rad
+    return np.array([[1 - y2, xy, y], [xy, 1 - x2, -x], [-y, x, 1 - x2 - y2]])
 
 
 def _project_on_lines(context: Linearization, optical: Array, residual: Array) -> tuple[Array, Array]:
@@ -203,23 +214,19 @@ def _linearize_depths(context: Linearization) -> Terms:
 
 def _cross(a: Array, b: Array) -> Array:
     """Cross products (..., 3); numpy's own takes ten times as long for a few vectors."""
-    return a[..., [1, 2, 0]] * b[..., [2, 0, 1]] - a[..., [2, 0, 1]] * b[..., [1, 2, 0]]
+    return a[..., NEXT] * b[..., LAST] - a[..., LAST] * b[..., NEXT]
 
 
-def linearize_nuisance_prior(state: FitState) -> Terms:
-    """Prior of the nuisances: zero mean, unit variance in their own 1-sigma."""
-    lines = np.zeros((NUISANCES, 2 * len(state.azimuths_rad) + 1))
-    return Terms(-state.nuisances, np.hstack([lines, np.eye(NUISANCES)]))
-
-
-def linearize_height_prior(state: FitState, deck_z_m: float | None, noise: FrameNoise) -> Terms:
-    """Prior of the deck height: the reported one; no row without it."""
-    if deck_z_m is None:
-        return empty_terms(state)
-    sigma = max(float(np.hypot(noise.deck_z_m, noise.position_m)), MIN_SIGMA_M)
-    row = np.zeros((1, state.size))
-    row[0, -NUISANCES - 1] = 1 / sigma
-    return Terms(np.array([(deck_z_m - state.z_m) / sigma]), row)
+def linearize_state_prior(state: FitState, deck_z_m: float | None, noise: FrameNoise) -> Terms:
+    """Priors of the deck height, one row where it is reported, and of the nuisances: zero, 1 in their own 1-sigma."""
+    rows = NUISANCES + (deck_z_m is not None)
+    residuals, jacobian = np.empty(rows), np.zeros((rows, state.size))
+    residuals[-NUISANCES:] = -state.nuisances
+    jacobian[-NUISANCES:, -NUISANCES:] = np.eye(NUISANCES)
+    if deck_z_m is not None:
+        sigma = max(math.hypot(noise.deck_z_m, noise.position_m), MIN_SIGMA_M)
+        residuals[0], jacobian[0, -NUISANCES - 1] = (deck_z_m - state.z_m) / sigma, 1 / sigma
+    return Terms(residuals, jacobian)
 
 
 def parallel_sigma(deck: Deck) -> float:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.config import Mode
-from deckline.geometry import intersect_plane
+from deckline.geometry import intersect_plane, rotation_matrix
 from deckline.localize.depth import MIN_DOWN, MIN_LINE_POINTS, MIN_SIGMA_PX, sample_depth, select_independent
 from deckline.types import NO_POSE, Diagnostic, Diagnostics, Frame, LinePoints, PixelLine, Reason
 
@@ -74,7 +74,7 @@ def observe(
     pose = frame.world_from_camera
     if pose is None or frame.world_from_body is None:
         raise ValueError(f"{frame.file}: {NO_POSE.message}")
-    rotation = pose.rotation.as_matrix()
+    rotation = rotation_matrix(pose)
     parts, missing = {}, []
     for side, line in pixel_lines.items():
         part = _line_rays(frame, points[side], line, rotation, mode)
@@ -94,8 +94,8 @@ def _line_rays(
 ) -> tuple[Array, Array, Array]:
     px, sigma = points.points_px[line.inliers], points.sigma_px[line.inliers]
     step = np.column_stack([np.maximum(sigma, MIN_SIGMA_PX), np.zeros(len(px))])
-    rays = frame.camera.rays(px)
-    steps = (frame.camera.rays(px + step) - frame.camera.rays(px - step))[:, :2] / 2
+    rays, after, before = frame.camera.rays(np.concatenate([px, px + step, px - step])).reshape(3, -1, 3)
+    steps = (after - before)[:, :2] / 2
     log_depth = np.full(len(px), np.nan)
     if mode != "coarse" and frame.depth_m is not None:
         depth = sample_depth(frame.depth_m, px)

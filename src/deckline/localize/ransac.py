@@ -113,13 +113,12 @@ def _find_best_draw(data: WeightedPoints, rng: np.random.Generator) -> Array | N
 
 
 def _sample_lines(samples: Array) -> Array:
-    """Least-squares line (S, 3) of every sample (D, k, 2); samples of coinciding points are left out."""
-    samples = samples[np.ptp(samples, axis=1).max(axis=1) >= MIN_SAMPLE_SPREAD_PX]
-    centres = samples.mean(axis=1)
-    offsets = samples - centres[:, None]
-    _, vectors = np.linalg.eigh(np.swapaxes(offsets, 1, 2) @ offsets)
-    normals = vectors[:, :, 0]
-    return np.column_stack([normals, -(normals * centres).sum(axis=1)])
+    """Lines (S, 3) through the points of every sample (D, 2, 2); samples of coinciding points are left out."""
+    differences = samples[:, 1] - samples[:, 0]
+    apart = np.abs(differences).max(axis=1) >= MIN_SAMPLE_SPREAD_PX
+    along = differences[apart] / np.hypot(*differences[apart].T)[:, None]
+    normals = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    return np.column_stack([normals, -(normals * samples[apart, 0]).sum(axis=1)])
 
 
 def _refit(line: Array, data: WeightedPoints) -> tuple[Array, NDArray[np.bool_]]:

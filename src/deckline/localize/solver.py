@@ -17,11 +17,9 @@ from deckline.localize.model import (
     DeckPlane,
     FitState,
     Terms,
-    empty_terms,
     linearize_deck_prior,
-    linearize_height_prior,
     linearize_measurements,
-    linearize_nuisance_prior,
+    linearize_state_prior,
 )
 from deckline.localize.observations import Observations
 
@@ -89,19 +87,17 @@ def solve(
 
     def terms(state: FitState) -> tuple[Terms, Terms]:
         measurement = _concatenate(*linearize_measurements(observations, state, plane, noise))
-        geometry = empty_terms(state) if inflation is None else linearize_deck_prior(observations.names, state, deck)
-        height = linearize_height_prior(state, deck_z_m, noise)
-        return measurement, _concatenate(geometry, height, linearize_nuisance_prior(state))
+        prior = linearize_state_prior(state, deck_z_m, noise)
+        if inflation is not None:
+            prior = _concatenate(linearize_deck_prior(observations.names, state, deck), prior)
+        return measurement, prior
 
     keys = (*observations.names, DEPTH)
+    scale = np.array([1.0 if inflation is None else inflation[key] for key in keys])
+    fit = _minimize(terms, (start, *terms(start)), blocks, scale)
     if inflation is None:
-        scale = np.ones(len(keys))
-        fit = _minimize(terms, start, blocks, scale)
         scale = _measure_inflation(fit[1], blocks, observations)
-        fit = _minimize(terms, fit[0], blocks, scale) if (scale > 1.0).any() else fit
-    else:
-        scale = np.array([inflation[key] for key in keys])
-        fit = _minimize(terms, start, blocks, scale)
+        fit = _minimize(terms, fit, blocks, scale) if (scale > 1.0).any() else fit
     factors = dict(zip(keys, scale.tolist(), strict=True))
     return _derive_solution(factors, fit, plane, blocks, scale, deck_z_m is not None)
 
@@ -117,10 +113,9 @@ def _orient_plane(start: FitState, noise: FrameNoise) -> DeckPlane:
 
 
 def _minimize(
-    terms: Callable[[FitState], tuple[Terms, Terms]], start: FitState, blocks: NDArray[np.int64], scale: Array
+    terms: Callable[[FitState], tuple[Terms, Terms]], start: Fit, blocks: NDArray[np.int64], scale: Array
 ) -> Fit:
-    state, damping = start, 0.0
-    measurement, prior = terms(state)
+    (state, measurement, prior), damping = start, 0.0
     for _ in range(STEPS):
         weights = _robust_weights(measurement.residuals, blocks) / scale[blocks] ** 2
         cost = _cost(measurement, prior, weights)
@@ -152,9 +147,10 @@ def _robust_weights(residuals: Array, blocks: NDArray[np.int64]) -> Array:
     size = np.abs(residuals)
     deviation = np.ones(int(blocks.max()) + 1)
     for block in range(len(deviation)):
-        members = np.sort(size[blocks == block])
+        members = size[blocks == block]
         if len(members):
-            deviation[block] = max(1.0, MEDIAN_TO_SIGMA * float(members[len(members) // 2]))
+            middle = len(members) // 2
+            deviation[block] = max(1.0, MEDIAN_TO_SIGMA * float(np.partition(members, middle)[middle]))
     size = size / deviation[blocks]
     return np.where(size > CUTOFF, 0.0, np.minimum(1.0, HUBER / np.maximum(size, HUBER)))
 

@@ -8,11 +8,11 @@ Source: Page, "Continuous inspection schemes", 1954.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from deckline.dehaze.horizon import Horizon, NoHorizon
 from deckline.dehaze.horizon_search import HorizonSearch
 from deckline.dehaze.sea_view import EARTH_RADIUS_M
+from deckline.geometry import rotation_matrix
 from deckline.types import Camera, Detection, Diagnostic, Diagnostics, Frame, Reason, RunwayEstimate
 
 OFF_DEG = 1.0  # tolerance of attitude and lens
@@ -99,7 +99,7 @@ def expect_horizon(frame: Frame) -> ExpectedHorizon | None:
     pose, camera = frame.world_from_camera, frame.camera
     if frame.missing is not None or pose is None or camera.has_distortion:
         return None
-    down: NDArray[np.float64] = pose.rotation.inv().apply([0.0, 0.0, 1.0])  # optical frame
+    down = rotation_matrix(pose)[2]  # optical frame
     roll_deg = float(np.rad2deg(np.arctan2(-down[0], down[1])))
     if not abs(roll_deg) <= STEEPEST_DEG:
         return None

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
-from deckline.geometry import intersect_plane
+from deckline.geometry import intersect_plane, rotation_matrix
 from deckline.types import Detection, Diagnostic, Diagnostics, Frame, Reason, RunwayEstimate
 
 SAMPLE_PX = 37  # every so many rows and columns of the picture are compared
@@ -64,7 +64,7 @@ class FrozenImageMonitor:
         expected_px, actual_px = 0.0, 0.0
         for side in sides:
             line = self._estimate.pixel_lines[side]
-            rays = before.rotation.apply(frame.camera.rays(line.ends_px))
+            rays = frame.camera.rays(line.ends_px) @ rotation_matrix(before).T
             on_deck = intersect_plane(before.translation, rays, self._estimate.lines[side].height_m)
             optical = pose.inv().apply(np.where(np.isfinite(on_deck), on_deck, pose.translation))
             a, b, c = line.coefficients

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2, norm
 
 from deckline.config import RunConfig
 from deckline.picture_pose.states import Belief, States, line_rows
+from deckline.probability import chi2_tail, two_sided_quantile
 from deckline.types import ASSUMED_CAMERA, MAX_FOCAL_SIGMA, Diagnostic, Diagnostics, Protection, Reason
 
 Array = NDArray[np.float64]
@@ -108,7 +108,7 @@ def unverified_reasons(belief: Belief, evidence: Evidence, shared_sigma: Array, 
         (UNSTEADY, not evidence.is_steady),
         (YOUNG, evidence.age_s < MIN_AGE_S),
         (OTHER_LINES, evidence.contradicted > MAX_CONTRADICTED or evidence.changed_s < CHANGED_S),
-        (UNLIKELY, bool(squares) and chi2.sf(sum(squares), len(squares)) < config.integrity.doubt_risk),
+        (UNLIKELY, bool(squares) and chi2_tail(sum(squares), len(squares)) < config.integrity.doubt_risk),
     )
     return tuple(doubt for doubt, holds in doubts if holds)
 
@@ -141,7 +141,7 @@ def protection_levels(
         own = np.eye(size)[one.index - States.SHARED.start]
         surely = (test.alarm_sigma + test.missed_sigma) * one.sigma
         undetected = np.minimum(undetected, surely / np.maximum(np.abs(responses[one.index] - own), 1e-12))
-    quantile = float(norm.isf(test.risk / 2))
+    quantile = two_sided_quantile(test.risk)
 
     def bound(row: Array, white: float = 0.0) -> float:
         sigma = float(np.sqrt(row @ belief.covariance @ row + white**2))

@@ -1,11 +1,9 @@
 """What a track of pictures carries from frame to frame, and its updates: lines, attitude, ramp, a late horizon."""
 
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2, norm
 
 from deckline.config import RunConfig
 from deckline.dehaze.horizon import Horizon, NoHorizon
@@ -22,6 +20,7 @@ from deckline.picture_pose.model import (
 from deckline.picture_pose.ramp import SPAN_S, RampFix, RampSight, check_closing, sight_ramp
 from deckline.picture_pose.sights import HorizonSight, LevelSight, LineSight, sight_horizon
 from deckline.picture_pose.states import PLACE_SIGMA_M, TURN_SIGMA_RAD_S, Belief, States, predict
+from deckline.probability import chi2_gate
 from deckline.types import SIDES, Detection, Diagnostic, Diagnostics, Frame, Reason, RunwayEstimate
 
 Array = NDArray[np.float64]
@@ -128,7 +127,7 @@ def _select_level(memory: TrackMemory, picture: Picture, config: RunConfig) -> L
     if level.attitude is None:
         return level
     innovation = attitude_innovation(memory.belief, level.attitude, level.white_rad)
-    if distance2(memory.belief, innovation) > _gate(config.tracking.gate_sigma, 2):
+    if distance2(memory.belief, innovation) > chi2_gate(config.tracking.gate_sigma, 2):
         off = float(np.rad2deg(np.abs(innovation.residuals).max()))
         message = f"the sensor's attitude lies {off:.1f} degrees off what lines and horizon suggest"
         memory.level_flag = Diagnostic(Reason.ATTITUDE, message)
@@ -181,7 +180,7 @@ def use_horizon(memory: TrackMemory, found: Horizon | NoHorizon, picture: Pictur
     if anchor is None or memory.anchor_mount is None or horizon is None:
         return
     innovation = horizon_innovation(anchor, horizon, memory.anchor_mount)
-    if distance2(anchor, innovation) > _gate(config.tracking.gate_sigma, 2):
+    if distance2(anchor, innovation) > chi2_gate(config.tracking.gate_sigma, 2):
         off = float(np.rad2deg(np.abs(innovation.residuals).max()))
         memory.horizon_flag = Diagnostic(
             Reason.ATTITUDE, f"the horizon lies {off:.1f} degrees off what the lines suggest"
@@ -213,7 +212,7 @@ def _excess(belief: Belief, sights: dict[str, LineSight], mount: Mount, gate_sig
     """Squared distance of some lines over that of the gate."""
     if not sights:
         return 0.0
-    return distance2(belief, lines_innovation(belief, sights, mount)) / _gate(gate_sigma, 2 * len(sights))
+    return distance2(belief, lines_innovation(belief, sights, mount)) / chi2_gate(gate_sigma, 2 * len(sights))
 
 
 def _update_lines(belief: Belief, sighting: Sighting) -> Belief:
@@ -238,8 +237,3 @@ def start_ramp(belief: Belief, ramp: RampSight, mount: Mount) -> Belief:
 def sight_level_horizon(camera: Camera, found: Horizon | NoHorizon | None) -> HorizonSight | None:
     """A horizon that was found, where the lens bends no lines."""
     return sight_horizon(camera, found) if isinstance(found, Horizon) and not camera.has_distortion else None
-
-
-@lru_cache(maxsize=16)
-def _gate(sigma: float, degrees: int) -> float:
-    return float(chi2.isf(2 * norm.sf(sigma), degrees))

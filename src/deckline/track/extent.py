@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.geometry import intersect_plane
+from deckline.geometry import intersect_plane, rotation_matrix
 from deckline.track.states import FAULTS, FilterState, States
 from deckline.types import SIDES, Frame, RunwayEstimate, RunwayLine, RunwayPrior, Value
 
@@ -47,7 +47,7 @@ def visible_extent(frame: Frame, estimate: RunwayEstimate, state: FilterState) -
     if pose is None or not estimate.pixel_lines:
         return None
     ends = np.concatenate([line.ends_px for line in estimate.pixel_lines.values()])
-    on_deck = intersect_plane(pose.translation, pose.rotation.apply(frame.camera.rays(ends)), state.deck_z_m)
+    on_deck = intersect_plane(pose.translation, frame.camera.rays(ends) @ rotation_matrix(pose).T, state.deck_z_m)
     x = (on_deck - state.point_m) @ state.along
     x = x[np.isfinite(x)]
     return (float(x.min()), float(x.max())) if len(x) > 1 else None

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
-from scipy.stats import norm
 
 from deckline.config import RunConfig
+from deckline.probability import two_sided_quantile
 from deckline.track.extent import Extent, advance_extent
 from deckline.track.filter import predict, track_lines, track_rates
 from deckline.track.motion import Aircraft, Pose, predict_aircraft
@@ -113,7 +113,7 @@ def _add_motion_uncertainty(track: Track, variance_m2: float, turn_rad: float) -
     """The track with the variance that the aircraft's position gained, and the 1-sigma of its turn."""
     sigma_m, protection, ramp_sigma_m = float(np.sqrt(variance_m2)), track.protection, track.ramp_sigma_m
     if protection is not None:
-        quantile = float(norm.isf(protection.risk / 2))
+        quantile = two_sided_quantile(protection.risk)
         bound_m = quantile * sigma_m
         protection = replace(
             protection,

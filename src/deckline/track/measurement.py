@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2, norm
 
 from deckline.config import RunConfig
 from deckline.geometry import wrap_angle
+from deckline.probability import chi2_gate
 from deckline.track.filter import SIGN
 from deckline.track.motion import Pose
 from deckline.track.states import MIN_OWN_SHARE, MIN_OWN_SIGMA, FilterState, States, error_sigmas
@@ -193,24 +193,20 @@ def select_consistent(state: FilterState, measurement: Measurement, gate_sigma: 
     distance2 = _distance2(state, measurement, all_rows)
     names = (*measurement.sides, "height")
     measured = frozenset(NAMES[name][0] for name in names)
-    if distance2 <= _gate(gate_sigma, len(all_rows)):
+    if distance2 <= chi2_gate(gate_sigma, len(all_rows)):
         return GatedMeasurement(measurement, (), distance2, len(all_rows), measured)
     best: GatedMeasurement | None = None
     for name in names:
         rows = [row for row in all_rows if row not in measurement.rows(name)]
         rest = _distance2(state, measurement, rows)
         # A line's direction can be right where its place is not; only the rest has to agree.
-        if len(rows) > 1 and rest <= _gate(gate_sigma, len(rows)) and (best is None or rest < best.distance2):
+        if len(rows) > 1 and rest <= chi2_gate(gate_sigma, len(rows)) and (best is None or rest < best.distance2):
             left_out = (_deviation(measurement, name),)
             best = GatedMeasurement(measurement.subset(rows), left_out, rest, len(rows), measured)
     if best is not None:
         return best
     excluded = tuple(_deviation(measurement, name) for name in names)
     return GatedMeasurement(None, excluded, distance2, len(all_rows), measured)
-
-
-def _gate(sigma: float, degrees: int) -> float:
-    return float(chi2.isf(2 * norm.sf(sigma), degrees))
 
 
 def _distance2(state: FilterState, measurement: Measurement, rows: list[int]) -> float:

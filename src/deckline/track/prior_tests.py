@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2, norm
 
 from deckline.config import RunConfig
+from deckline.probability import chi2_tail, normal_tail
 from deckline.track.stated_width import spacing_contradiction
 from deckline.track.states import (
     KNOWN_DRIFT_SIGMA_M_S,
@@ -182,5 +182,5 @@ def _joint_significance(errors: Array) -> float:
 
     A sum of n squares hides one large error. The largest counts with the n tests that could have had it (Bonferroni).
     """
-    largest = 2 * len(errors) * norm.sf(np.max(np.abs(errors)))
-    return float(min(chi2.sf(np.sum(errors**2), len(errors)), largest))
+    largest = 2 * len(errors) * normal_tail(np.max(np.abs(errors)))
+    return float(min(chi2_tail(np.sum(errors**2), len(errors)), largest))

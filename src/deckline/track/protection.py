@@ -7,9 +7,9 @@ surely shows, or the largest size that is possible.
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
 
 from deckline.config import RunConfig
+from deckline.probability import two_sided_quantile
 from deckline.track.extent import Extent
 from deckline.track.filter import delay_effect, line_rows
 from deckline.track.motion import Pose
@@ -45,7 +45,7 @@ def least_closing_speed(state: FilterState, pose: Pose, closing: Value | None, c
     slowest = along - config.integrity.max_ship_m_s
     if closing is None:
         return slowest
-    return max(slowest, closing.value - float(norm.isf(config.integrity.risk / 2)) * closing.sigma)
+    return max(slowest, closing.value - two_sided_quantile(config.integrity.risk) * closing.sigma)
 
 
 def undetected_yaw(state: FilterState, closing_m_s: float, config: RunConfig) -> float | None:
@@ -71,7 +71,7 @@ def _yaw_by_drift(state: FilterState, closing_m_s: float, config: RunConfig) -> 
     if not is_drift_known(state, config):
         return None
     test, share = config.integrity, drift_share(state, config)
-    quantile = float(norm.isf(test.risk / 2))
+    quantile = two_sided_quantile(test.risk)
     drift = abs(float(state.mean[States.DRIFT])) / share  # as frames measured it, without the prior
     if config.deck.ship_velocity_m_s is None:
         noise = float(state.covariance[States.DRIFT, States.DRIFT]) / share
@@ -108,7 +108,7 @@ def protection_levels(
     x = float(state.local(pose.position_m)[0])
     delay, sensors = delay_effect(state, pose, 0.0), config.sensors
     near_m = 0.0 if touchdown_m is None else touchdown_m - config.approach.touchdown_m
-    gains, quantile = fault_gains(state, near_m, config), float(norm.isf(config.integrity.risk / 2))
+    gains, quantile = fault_gains(state, near_m, config), two_sided_quantile(config.integrity.risk)
     faults = _undetected_faults(state, near_m, gains, config)
 
     def bound(row: Array, white: float, times: float) -> tuple[float, float]:
