@@ -9,7 +9,7 @@ from scipy.stats import fisher_exact, ks_2samp
 
 from deckline.config_file import config_from_table
 from deckline.files import parse_plain, read_regular
-from deckline_lab.campaigns.plan import CampaignPlan
+from deckline_lab.campaigns.plan import CampaignPlan, settings_from_json
 from deckline_lab.campaigns.runner import PLAN_FILE
 from deckline_lab.campaigns.summary import FlownLanding, name_cell, read_landings
 from deckline_lab.evaluation.tables import Table, number
@@ -50,20 +50,11 @@ def read_campaign(folder: Path) -> tuple[CampaignPlan, list[FlownLanding]]:
 
 def plan_from_json(table: Mapping[str, Any]) -> CampaignPlan:
     """The plan of `CampaignPlan.as_json`, without its importance: that changes weights, which no test here takes."""
-    known = _settings(table)
+    known = settings_from_json(table)
     values = {name: known[name] for name in ("seed", "landings", "shard")}
     values["factors"] = {name: tuple(items) for name, items in known["factors"].items()}
     values["ranges"] = {name: (low, high) for name, (low, high) in known["ranges"].items()}
     return CampaignPlan(landing=config_from_table(LandingConfig, known["landing"]), **values)
-
-
-def _settings(value: Any) -> Any:
-    """What `plain_json` was given: numbers that are not finite again numbers; settings without a value left out."""
-    if isinstance(value, dict):
-        return {key: _settings(item) for key, item in value.items() if item is not None}
-    if isinstance(value, list):
-        return [_settings(item) for item in value]
-    return float(value) if value in ("inf", "-inf") else value
 
 
 def shared_cells(plan: CampaignPlan, other: CampaignPlan) -> list[tuple[int, int]]:

@@ -11,6 +11,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.config_file import config_from_table
 from deckline.types import SIDES, Detection, Guidance, LinePoints, Protection, Value
+from deckline_lab.campaigns.plan import plain_json, settings_from_json
 from deckline_sim.config import FlightConfig, MotionConfig, SimConfig
 from deckline_sim.flight.approach import STEP_S, ApproachPath, flight_path, pose_at
 from deckline_sim.landing.config import LandingConfig
@@ -121,11 +122,12 @@ def points_of(rows: list[list[float]]) -> LinePoints:
 
 def looks_json(scene: Surroundings, looks: list[dict[str, Any]]) -> bytes:
     """The file of the looks of one flight, with its configuration and seed."""
-    data = {"config": asdict(scene.config), "seed": scene.seed, "looks": looks}
+    data = {"config": plain_json(asdict(scene.config)), "seed": scene.seed, "looks": looks}
     return json.dumps(data, separators=(",", ":")).encode()
 
 
 def read_looks(path: Path) -> tuple[Surroundings, list[dict[str, Any]]]:
     """The surroundings and the looks of a flight that `looks_json` describes."""
     data: Mapping[str, Any] = json.loads(path.read_text())
-    return surroundings(config_from_table(LandingConfig, data["config"]), data["seed"]), data["looks"]
+    config = config_from_table(LandingConfig, settings_from_json(data["config"]))
+    return surroundings(config, data["seed"]), data["looks"]

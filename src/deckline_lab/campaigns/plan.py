@@ -155,6 +155,15 @@ def plain_json(value: Any) -> Any:
     return str(value) if isinstance(value, float) and not math.isfinite(value) else value
 
 
+def settings_from_json(value: Any) -> Any:
+    """What `plain_json` was given: numbers that are not finite again numbers; settings without a value left out."""
+    if isinstance(value, dict):
+        return {key: settings_from_json(item) for key, item in value.items() if item is not None}
+    if isinstance(value, list):
+        return [settings_from_json(item) for item in value]
+    return float(value) if value in ("inf", "-inf") else value
+
+
 def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Dotted names and values of nested tables."""
     for key, value in table.items():
