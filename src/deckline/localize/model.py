@@ -83,7 +83,7 @@ def empty_terms(state: FitState) -> Terms:
 
 def right_vectors(azimuths_rad: Array) -> Array:
     """Unit vectors (L, 2) to the right of lines."""
-    return np.stack([-np.sin(azimuths_rad), np.cos(azimuths_rad)], axis=1)
+    return np.array([-np.sin(azimuths_rad), np.cos(azimuths_rad)]).T
 
 
 def linearize_measurements(
@@ -129,7 +129,7 @@ def _linearize_pixels(context: Linearization) -> Terms:
     count, noise, lever_arm = len(state.azimuths_rad), context.noise, context.lever_arm
     offsets = (state.points_m - context.plane.origin_m) @ context.plane.axes.T  # (L, 2) along and across
     right = right_vectors(state.azimuths_rad)
-    heading = np.stack([right[:, 1], -right[:, 0]], axis=1)
+    heading = right[:, ::-1] * [1.0, -1.0]
     gains = heading @ context.plane.axes.T  # (L, 2) of a line, per slope
     point, direction, lateral = np.zeros((3, count, 3))
     point[:, :2], point[:, 2] = state.points_m, state.z_m + offsets @ context.slopes
@@ -143,19 +143,18 @@ def _linearize_pixels(context: Linearization) -> Terms:
     normal, by_offset, by_azimuth, by_height, by_gain, by_roll, by_pitch = _cross(first, second)
     by_roll[:, 1:] += normal[:, [2, 1]] * [1.0, -1.0]
     by_pitch[:, ::2] += normal[:, [2, 0]] * [-1.0, 1.0]
-    by_slopes = [by_height * offsets[:, k : k + 1] + by_gain * gains[:, k : k + 1] for k in (0, 1)]
-    changes = np.stack([by_offset, by_azimuth, by_height, by_roll, by_pitch, *by_slopes], axis=1)
+    by_slopes = by_height * offsets.T[..., None] + by_gain * gains.T[..., None]
+    changes = np.array([by_offset, by_azimuth, by_height, by_roll, by_pitch, *by_slopes])  # (7, L, 3)
     optical = (normal @ context.rotation)[line]
     residual = (optical * context.rays).sum(axis=1)
     closest, sigma = _project_on_lines(context, optical, residual)
-    gradient = np.einsum("nck,nk->nc", changes[line], closest @ context.rotation.T)  # (N, 7) changes of n . ray
+    gradient = np.einsum("cnk,nk->cn", changes[:, line], closest @ context.rotation.T)  # (7, N) changes of n . ray
     jacobian = np.zeros((len(line), state.size))
     rows = np.arange(len(line))
-    jacobian[rows, 2 * line], jacobian[rows, 2 * line + 1] = gradient[:, 0], gradient[:, 1]
-    jacobian[:, 2 * count] = gradient[:, 2]
-    jacobian[:, 2 * count + 1 : 2 * count + 3] = gradient[:, 3:5] * noise.attitude_rad
+    jacobian[rows, 2 * line], jacobian[rows, 2 * line + 1], jacobian[:, 2 * count] = gradient[:3]
+    jacobian[:, 2 * count + 1 : 2 * count + 3] = gradient[3:5].T * noise.attitude_rad
     jacobian[:, 2 * count + 3] = (optical * closest)[:, :2].sum(axis=1) * (-noise.focal_fraction / context.focal_scale)
-    jacobian[:, 2 * count + 5 :] = gradient[:, 5:] * context.plane.slopes
+    jacobian[:, 2 * count + 5 :] = gradient[5:].T * context.plane.slopes
     return Terms(-residual / sigma, jacobian / sigma[:, None])
 
 

@@ -117,7 +117,7 @@ def _sample_lines(samples: Array) -> Array:
     differences = samples[:, 1] - samples[:, 0]
     apart = np.abs(differences).max(axis=1) >= MIN_SAMPLE_SPREAD_PX
     along = differences[apart] / np.hypot(*differences[apart].T)[:, None]
-    normals = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    normals = along[:, ::-1] * [-1.0, 1.0]
     return np.column_stack([normals, -(normals * samples[apart, 0]).sum(axis=1)])
 
 
