@@ -37,6 +37,7 @@ def campaign_html(
     heading: str,
     tables: Sequence[Table],
     notes: Sequence[str],
+    films: Sequence[tuple[FlownLanding, Path]] = (),
 ) -> str:
     """The report as one HTML text, pictures inside.
 
@@ -46,6 +47,7 @@ def campaign_html(
         heading: of the page.
         tables: those of `summary_tables`, and what else is to be shown.
         notes: to the tables.
+        films: landings with their films, which lie in a folder beside the page.
 
     Raises:
         ImportError: the viz extra is not installed.
@@ -61,8 +63,13 @@ def campaign_html(
         figures=list(_figures(plan, landings)),
         tables=tables,
         notes=notes,
-        failures=[
-            (_words(each.outcome), each.seed, name_cell(_rounded(each.settings))) for of in by_outcome for each in of
+        failures=[(_words(each.outcome), each.seed, _name_rounded(each.settings)) for of in by_outcome for each in of],
+        films=[
+            (
+                path.relative_to(path.parents[1]),
+                f"{_words(each.outcome)}, seed {each.seed}, {_name_rounded(each.settings)}",
+            )
+            for each, path in films
         ],
         failed=len(bad),
         listed=LISTED,
@@ -153,8 +160,8 @@ def setting_rows(table: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
             yield name, str(value)
 
 
-def _rounded(settings: dict[str, Any]) -> dict[str, Any]:
-    return {name: f"{value:.4g}" if isinstance(value, float) else value for name, value in settings.items()}
+def _name_rounded(settings: dict[str, Any]) -> str:
+    return name_cell({name: f"{value:.4g}" if isinstance(value, float) else value for name, value in settings.items()})
 
 
 def _words(outcome: str) -> str:

@@ -17,6 +17,7 @@ from deckline_lab.campaigns.summary import (
     NOTES,
     SUMMARY_FILE,
     WEIGHTED_NOTE,
+    FlownLanding,
     read_landings,
     summarise,
     summary_json,
@@ -32,6 +33,7 @@ def campaign(
     ray: Annotated[tuple[str, ...] | None, tyro.conf.arg(metavar="[ADDRESS]", help_behavior_hint="")] = None,
     jobs: int = 0,
     against: Path | None = None,
+    films: bool = False,
 ) -> int:
     """Fly a campaign of landings, and write what it adds up to.
 
@@ -43,6 +45,7 @@ def campaign(
         ray: fly as Ray tasks, on the cluster at ADDRESS (HOST:PORT, or auto), without it on one that is started here.
         jobs: processes, without --ray; 0: one for every core.
         against: folder of a campaign to compare with, in the cells that both have.
+        films: also film the first landing of every outcome, some minutes each.
     """
     flown, workers = read_plan(plan), choose_workers(ray, jobs)
     other = None if against is None else read_campaign(against)
@@ -60,8 +63,13 @@ def campaign(
     summary = {"title": title, "made_with": made_with(), **summary_json(cells)}
     write_atomic(out / SUMMARY_FILE, (json.dumps(summary, indent=1, allow_nan=False) + "\n").encode())
     print(printable(out / SUMMARY_FILE))
+    filmed: list[tuple[FlownLanding, Path]] = []
+    if films:
+        from deckline_lab.campaigns.filmed import film_outcomes  # needs OpenGL
+
+        filmed = list(film_outcomes(flown, landings, out))
     try:
-        page = campaign_html(flown, landings, plan.stem, tables, notes)
+        page = campaign_html(flown, landings, plan.stem, tables, notes, filmed)
     except ImportError as error:
         print_line(f"no {REPORT_FILE}: {error}")
         return 0

@@ -2,10 +2,9 @@
 
 import json
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
-from dataclasses import asdict, replace
+from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Annotated
 
 import tyro
@@ -13,17 +12,11 @@ import tyro
 from deckline import __version__
 from deckline.atomic import write_atomic
 from deckline.files import is_there, print_line, printable
-from deckline.report.video import join
+from deckline_lab.campaigns.filmed import fly_filmed, make_film
 from deckline_lab.campaigns.landing_report import landing_html
-from deckline_lab.campaigns.landings import sights_of
 from deckline_lab.campaigns.plan import plain_json
 from deckline_sim.landing.config import LandingConfig
-from deckline_sim.landing.film import FilmedLanding, write_film
-from deckline_sim.landing.landing import fly
-from deckline_sim.landing.recorded_sight import RecordedSight
-from deckline_sim.landing.rendered_sight import open_simulator, sim_config
 from deckline_sim.landing.summary import summarise_landing
-from deckline_sim.landing.surroundings import surroundings
 
 FILM_FILE, REPORT_FILE, RECORD_FILE = "landing.mp4", "report.html", "landing.json"
 # A ramp ought to be in sight from 480 m: the flight begins some seconds before, so that it takes two minutes at most.
@@ -71,30 +64,6 @@ def folder_of_results(out: Path) -> Iterator[None]:
         if is_new:
             out.rmdir()
         raise
-
-
-def fly_filmed(config: LandingConfig, seed: int) -> FilmedLanding:
-    """Fly a landing and record what its film shows; errors as `fly`."""
-    sights = sights_of(config, seed)
-    with closing(sights):
-        recorded = RecordedSight(sights.picture)
-        landing = fly(config, seed, replace(sights, picture=recorded))
-    scene = surroundings(config, seed)
-    return FilmedLanding(scene, landing, recorded.answers, recorded.last_s, recorded.pictures)
-
-
-def make_film(filmed: FilmedLanding) -> bytes:
-    """The film of a landing, an MP4 file.
-
-    Raises:
-        RendererError: no OpenGL through EGL on this machine.
-    """
-    config = replace(sim_config(filmed.scene), keep_clear=not filmed.pictures)
-    with TemporaryDirectory() as folder, closing(open_simulator(config, filmed.scene)) as simulator:
-        piece, whole = Path(folder) / "piece.mp4", Path(folder) / FILM_FILE
-        write_film(filmed, simulator.flown_frame, piece)
-        join([piece], whole)
-        return whole.read_bytes()
 
 
 COMMANDS = {"land": land}

@@ -1,12 +1,15 @@
 """Plans: cells, seeds, draws, and what they refuse."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from deckline_lab.campaigns.landings import check_landing
 from deckline_lab.campaigns.plan import CampaignPlan, check_plan, read_plan
 
+EXAMPLES = Path(__file__).parents[3] / "examples" / "campaigns"
 PLAN = """
 seed = 3
 landings = 5
@@ -91,6 +94,12 @@ def test_seeds_and_draws_are_of_the_plan_and_the_number_alone(read):
 def test_refused(read, text, named):
     with pytest.raises(ValueError, match=named):
         read(text)
+
+
+@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.toml")), ids=lambda path: path.stem)
+def test_the_examples_can_be_flown(path):
+    pytest.importorskip("jsbsim")
+    check_plan(read_plan(path), check_landing)
 
 
 def test_what_cannot_be_flown_is_refused_in_every_cell(read):

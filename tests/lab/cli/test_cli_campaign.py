@@ -47,6 +47,23 @@ def test_a_campaign_writes_summary_and_report(tmp_path, plan, monkeypatch, capsy
     assert str(out / "report.html") in capsys.readouterr().out
 
 
+def test_the_first_landing_of_every_outcome_is_filmed_once(tmp_path, plan, monkeypatch):
+    pytest.importorskip("matplotlib")
+    filmed = pytest.importorskip("deckline_lab.campaigns.filmed")
+    flown = []
+    monkeypatch.setattr(campaign, "fly_landing", lambda config, seed: Flown())
+    monkeypatch.setattr(campaign, "check_landing", lambda config: None)
+    monkeypatch.setattr(filmed, "fly_filmed", lambda config, seed: flown.append((config.sea_state, seed)))
+    monkeypatch.setattr(filmed, "make_film", lambda landing: b"film")
+    out = tmp_path / "out"
+    for _ in range(2):
+        assert main(["campaign", str(plan), "--out", str(out), "--jobs", "1", "--films"]) == 0
+    ((sea_state, seed),) = flown
+    (film,) = (out / "films").iterdir()
+    assert (film.name, sea_state) == (f"wave_off-0-{seed}.mp4", 2)
+    assert f"films/{film.name}" in (out / "report.html").read_text()
+
+
 def test_one_line_for_a_plan_that_cannot_be_flown(tmp_path, plan, capsys):
     plan.write_text(PLAN.replace("[factors]", 'guidance = "picture"\n[factors]'))
     assert main(["campaign", str(plan), "--out", str(tmp_path / "out")]) == 2

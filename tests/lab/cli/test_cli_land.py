@@ -6,6 +6,7 @@ import av
 import pytest
 
 from deckline.cli.main import main
+from deckline_lab.campaigns import filmed
 from deckline_lab.cli import land
 from deckline_sim.landing.film import FILM_PX
 from deckline_sim.scene.gl import RendererError
@@ -21,9 +22,9 @@ def film_of_few(monkeypatch):
     fly = land.fly_filmed
 
     def shorten(config, seed):
-        filmed = fly(config, seed)
-        object.__setattr__(filmed.landing, "samples", filmed.landing.samples[-2:])
-        return filmed
+        flown = fly(config, seed)
+        object.__setattr__(flown.landing, "samples", flown.landing.samples[-2:])
+        return flown
 
     monkeypatch.setattr(land, "fly_filmed", shorten)
 
@@ -66,7 +67,7 @@ def test_nothing_is_written_without_opengl(film_of_few, monkeypatch, tmp_path, c
     def refuse(config, scene):
         raise RendererError("no OpenGL through EGL on this machine")
 
-    monkeypatch.setattr(land, "open_simulator", refuse)
+    monkeypatch.setattr(filmed, "open_simulator", refuse)
     assert main(["land", *QUICK, "--out", str(tmp_path / "out")]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "EGL" in line
@@ -74,7 +75,7 @@ def test_nothing_is_written_without_opengl(film_of_few, monkeypatch, tmp_path, c
 
 
 def test_an_interrupted_film_leaves_nothing(film_of_few, monkeypatch, tmp_path, capsys):
-    def interrupt(filmed, take, path):
+    def interrupt(landing, take, path):
         path.write_bytes(b"half a film")
         raise KeyboardInterrupt
 
@@ -84,7 +85,7 @@ def test_an_interrupted_film_leaves_nothing(film_of_few, monkeypatch, tmp_path, 
         def close(self):
             pass
 
-    monkeypatch.setattr(land, "write_film", interrupt)
-    monkeypatch.setattr(land, "open_simulator", lambda config, scene: Simulator())
+    monkeypatch.setattr(filmed, "write_film", interrupt)
+    monkeypatch.setattr(filmed, "open_simulator", lambda config, scene: Simulator())
     assert main(["land", *QUICK, "--out", str(tmp_path / "out")]) == 130
     assert not list(tmp_path.iterdir())
