@@ -28,9 +28,9 @@ LATERAL_RAD_S, LATERAL_DAMPING = 0.7, 1.0
 MOST_BANK_RAD = math.radians(25.0)
 BANK_RAD_S, ROLL_GAIN = 3.0, 1.0  # roll rate per error of bank, aileron per error of the rate
 IDLE = 0.05  # least throttle
-# A pass is broken off: where it must have been seen, how long it may be without `ok`, and how large deviations and
-# protection levels may be there.
-DECISION_M = 350.0  # to the touchdown point
+# A pass is broken off between these distances to the touchdown point: where deviations are too large, and from the
+# decision on where the picture has not been `ok` for too long or protection levels are too large.
+WINDOW_M, DECISION_M = 350.0, 200.0
 PATIENCE_S = 0.8
 COMMITTED_M = 90.0  # to the touchdown point: nearer, breaking off comes too late
 WINDOW = (3.0, math.radians(2.0)), (1.5, math.radians(1.0))  # lateral and vertical deviation: at least m, and rad
@@ -149,19 +149,24 @@ class Autopilot:
         """Why the pass must be broken off now; None: it need not."""
         if found is None:
             return WaveOff.NOT_SEEN if time_s >= self._due_s else None
-        if not COMMITTED_M < found.to_go_m < DECISION_M:
+        if not COMMITTED_M < found.to_go_m < WINDOW_M:
             return None
+        if not in_window(found.lateral_m, found.height_m, found.to_go_m):
+            return WaveOff.WINDOW
+        return self._find_doubt(found.to_go_m, time_s) if found.to_go_m < DECISION_M else None
+
+    def _find_doubt(self, to_go_m: float, time_s: float) -> WaveOff | None:
+        """Why the picture is not to be landed with; None: it is."""
         ok = self._ok
         if ok is None:
             return WaveOff.NOT_SEEN
         if time_s - ok.time_s > PATIENCE_S:
             return WaveOff.LOST
         level = ok.protection
-        if self._has_limits and (
-            level is None or not _is_within(self._levels, level.lateral_m, level.vertical_m, found.to_go_m)
-        ):
-            return WaveOff.LEVEL
-        return None if in_window(found.lateral_m, found.height_m, found.to_go_m) else WaveOff.WINDOW
+        if not self._has_limits:
+            return None
+        is_safe = level is not None and _is_within(self._levels, level.lateral_m, level.vertical_m, to_go_m)
+        return None if is_safe else WaveOff.LEVEL
 
     def _control(self, state: AircraftState, path_error_rad: float, bank_rad: float) -> Controls:
         """Controls for a wanted change of the path angle, upwards positive, and a wanted bank."""

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from deckline.config import GRADES, Approach, RunConfig, Sensors
+from deckline.config import GRADES, Approach, Integrity, RunConfig, Sensors
 from deckline.config import Deck as KnownDeck
 from deckline.flight import Flight
 from deckline.geometry import Camera, camera_mount
@@ -25,6 +25,7 @@ from deckline_sim.ship.truth import truth_segments
 
 MOUNT_DOWN_DEG = 7.5  # of the camera's axis below the body's: incidence of 4 degrees and a path of 3.5; our choice
 DATALINK_SIGMA_M = 5.0  # 1-sigma of the ship's place as its datalink reports it, deck motion included; our choice
+MAX_WIDTH_FRACTION = 0.25  # by which the width of the ship's datalink can be wrong: another ship's; our choice
 DATALINK_HEADING_SIGMA_DEG = 1.0  # the same of its heading
 # Wires of a ship that has none in its class, beyond the beginning of the lines, m; 12.4 m apart as on a large carrier.
 WIRES_M = (52.0, 64.4, 76.8)
@@ -92,7 +93,14 @@ def run_config(config: LandingConfig, layout: Layout, motion: ShipMotion, touchd
         ship_velocity_m_s=(float(north), float(east)) if has_datalink else None,
     )
     approach = Approach(touchdown_m=touchdown_m, point_m=APPROACHES[config.aircraft].hook_m)
-    return RunConfig(GRADES[config.navigation], deck, approach=approach, models=config.models, tracking=config.tracking)
+    return RunConfig(
+        GRADES[config.navigation],
+        deck,
+        approach=approach,
+        models=config.models,
+        tracking=config.tracking,
+        integrity=Integrity(max_width_fraction=MAX_WIDTH_FRACTION),
+    )
 
 
 def navigation_unit(sensors: Sensors) -> NavigationConfig:
