@@ -12,6 +12,7 @@ import numpy as np
 
 from deckline.adapters.airsim.protocol import quote, read_flag, read_number, read_vector
 from deckline_sim.airsim_server.kinematics import NO_TURN, Vector, Yaw, braking_speed, limit, towards, wrap
+from deckline_sim.airsim_server.path import Path
 from deckline_sim.airsim_server.service import Service
 from deckline_sim.airsim_server.structs import read_geo, vector_struct
 from deckline_sim.airsim_server.vehicle import Vehicle, VehicleCommand
@@ -203,29 +204,22 @@ def follow(
     body: Vehicle, points: list[Vector], speed: float, timeout_s: float, yaw: Yaw = NO_TURN, lookahead_m: float = -1.0
 ) -> VehicleCommand:
     """Fly along straight lines through points (3,), steering to a point `lookahead_m` ahead on them; -1: AirSim's."""
-    corners = np.array([body.position, *points])
-    lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)
-    ends = np.concatenate([[0.0], np.cumsum(lengths)])
+    path = Path([body.position, *points])
     ahead = lookahead_m if lookahead_m > 0.0 else max(LOOKAHEAD_S * speed, LEAST_LOOKAHEAD_M)
     done_m = 0.0  # way along the path
 
-    def point_at(way_m: float) -> Vector:
-        return np.array([np.interp(way_m, ends, column) for column in corners.T])
-
     def steer(body: Vehicle) -> Vector:
         nonlocal done_m
-        index = min(int(np.searchsorted(ends, done_m, side="right")) - 1, len(lengths) - 1)
-        if lengths[index] > 0.0:  # no turning back
-            along = (corners[index + 1] - corners[index]) / lengths[index]
-            done_m = max(done_m, min(ends[index] + (body.position - corners[index]) @ along, ends[index + 1]))
-        if done_m + ahead >= ends[-1]:
-            return towards(corners[-1] - body.position, speed)
-        off_m = float(np.linalg.norm(body.position - point_at(done_m)))  # cross-track error: adds to the lookahead
-        aim = limit(point_at(done_m + ahead + off_m) - body.position, 1.0)
-        return aim * min(speed, braking_speed(float(ends[-1]) - done_m))
+        off_m = float(np.linalg.norm(body.position - path.point_at(done_m)))  # cross-track error: adds to the lookahead
+        done_m = path.nearest_way(body.position, done_m, done_m + ahead + off_m)
+        if done_m + ahead >= path.length_m:
+            return towards(path.end - body.position, speed)
+        off_m = float(np.linalg.norm(body.position - path.point_at(done_m)))
+        aim = limit(path.point_at(done_m + ahead + off_m) - body.position, 1.0)
+        return aim * min(speed, braking_speed(path.length_m - done_m))
 
     def is_done(body: Vehicle) -> bool:
-        return done_m + ahead >= ends[-1] and float(np.linalg.norm(corners[-1] - body.position)) <= ARRIVED_M
+        return done_m + ahead >= path.length_m and float(np.linalg.norm(path.end - body.position)) <= ARRIVED_M
 
     return VehicleCommand(steer, is_done, yaw, timeout_s)
 
