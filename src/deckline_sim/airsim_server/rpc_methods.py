@@ -128,7 +128,11 @@ def set_camera_fov(service: Service, camera: Any, fov_deg: float, vehicle: str =
 
 
 def set_weather(service: Service, parameter: int, value: float) -> None:
-    """Fog, rain and wetness, 0..1."""
+    """Fog, rain and wetness, 0..1.
+
+    Raises:
+        ValueError: weather that this simulator does not have, unless it is switched off.
+    """
     value = read_number(value, "weather intensity", 0.0, 1.0)
     if isinstance(parameter, bool) or not isinstance(parameter, int) or not 0 <= parameter <= ENABLED:
         raise ValueError(f"a weather parameter is a number between 0 and {ENABLED}, got {parameter!r:.40}")
@@ -136,8 +140,8 @@ def set_weather(service: Service, parameter: int, value: float) -> None:
         service.world.change(**{WEATHER[parameter]: value})
     elif parameter == ENABLED:
         service.world.change(weather=value > 0.0)
-    else:
-        service.log(f"simSetWeatherParameter: {WITHOUT_EFFECT[parameter]} has no effect here")
+    elif value > 0.0:
+        raise ValueError(f"there is no weather {WITHOUT_EFFECT[parameter]} here: only Rain, Roadwetness and Fog")
 
 
 def set_time_of_day(

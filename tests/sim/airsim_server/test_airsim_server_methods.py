@@ -1,4 +1,5 @@
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -138,6 +139,13 @@ def test_fog_and_night_are_those_of_the_simulator(client):
     np.testing.assert_array_equal(bytes_of(day), bytes_of(clear))
 
 
+UNSUPPORTED = ("moveByRollPitchYawThrottle", "moveByManual", "getLidarData", "simSpawnObject")
+
+
+def ask_for(client, method):
+    client.client.call(method)
+
+
 @pytest.mark.parametrize(
     ("call", "says"),
     [
@@ -148,6 +156,9 @@ def test_fog_and_night_are_those_of_the_simulator(client):
         (lambda c: c.client.call("ping", 1, 2), "ping: 2"),
         (lambda c: c.client.call("simSetVehiclePose", {}, True), "simSetVehiclePose: pose: position.*x_val.*None"),
         (lambda c: c.simSetWeatherParameter(7, 2.0), "weather intensity.*0 and 1.*2"),
+        (lambda c: c.simSetWeatherParameter(2, 0.5), "Snow.*Fog"),
+        (lambda c: c.simGetImage("0", 6), r"6.*Scene \(0\)"),
+        *((partial(ask_for, method=name), name) for name in UNSUPPORTED),
         (lambda c: c.simSetTimeOfDay(True, "noon"), "noon"),
         (lambda c: c.simSetVehiclePose(airsim.Pose(airsim.Vector3r(1e7, 0, 0)), True), r"position.*1e\+06"),
     ],
