@@ -139,7 +139,7 @@ def test_fog_and_night_are_those_of_the_simulator(client):
     np.testing.assert_array_equal(bytes_of(day), bytes_of(clear))
 
 
-UNSUPPORTED = ("moveByRollPitchYawThrottle", "moveByManual", "getLidarData", "simSpawnObject")
+UNSUPPORTED = ("getLidarData", "simSpawnObject")
 
 
 def ask_for(client, method):
