@@ -2,10 +2,11 @@
 
 import platform
 import sys
+import time
 from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
-from threading import Timer
+from threading import Thread
 from typing import Any, get_args
 
 import numpy as np
@@ -20,7 +21,7 @@ PACKAGES: dict[Device, str] = {"cuda": "onnxruntime-gpu", "tensorrt": "onnxrunti
 SINGLE = {"CUDAExecutionProvider": {"use_tf32": "0"}}  # else f32 is multiplied with 10 bits
 
 MOST_BYTES = 4 << 30  # of all networks' values at a time, on the processor: pictures of 36 million pixels take 1 GB
-LONGEST_S = 120.0  # of one computation
+LONGEST_S, WATCH_S = 120.0, 0.5  # of one computation; between two looks at those that run
 
 CPUINFO = Path("/proc/cpuinfo")  # proc(5)
 FLAGS = ("avx2", "avx512f", "avx512_vnni", "avx512_bf16", "amx_bf16", "amx_int8", "asimd", "bf16")  # that count here
@@ -128,9 +129,8 @@ def compute_onnxruntime(session: Any, inputs: dict[str, NDArray[np.float32]]) ->
 
     options = onnxruntime.RunOptions()
     options.log_severity_level = 4  # as of the session
-    watchdog = Timer(LONGEST_S, setattr, (options, "terminate", True))
-    watchdog.daemon = True
-    watchdog.start()
+    watched = _watched_runs()
+    watched[id(options)] = time.monotonic(), options
     try:
         outputs: Sequence[NDArray] = session.run(None, inputs, options)
     except Exception as error:
@@ -138,8 +138,24 @@ def compute_onnxruntime(session: Any, inputs: dict[str, NDArray[np.float32]]) ->
             raise RuntimeError(f"it takes longer than {LONGEST_S:g} s") from error
         raise
     finally:
-        watchdog.cancel()
+        del watched[id(options)]
     return outputs
+
+
+@cache
+def _watched_runs() -> dict[int, tuple[float, Any]]:
+    """Beginning and options of every run of this process; one thread ends those that take too long."""
+    runs: dict[int, tuple[float, Any]] = {}
+
+    def watch() -> None:
+        while True:
+            time.sleep(WATCH_S)
+            for begun, options in tuple(runs.values()):
+                if time.monotonic() - begun > LONGEST_S:
+                    options.terminate = True
+
+    Thread(target=watch, daemon=True).start()
+    return runs
 
 
 @cache
