@@ -70,15 +70,15 @@ class Figures:
             import prometheus_client as prometheus
         self._registry = prometheus.CollectorRegistry()
         self._generate, self._media_type = prometheus.generate_latest, prometheus.CONTENT_TYPE_LATEST
-        same = {"registry": self._registry}
-        self._counts = {field: prometheus.Counter(name, text, **same) for field, (name, text) in COUNTS.items()}
+        registry = self._registry
+        self._counts = {field: prometheus.Counter(*named, registry=registry) for field, named in COUNTS.items()}
         self._counted = dict.fromkeys(COUNTS, 0)
-        self._messages = prometheus.Counter("deckline_messages", "Messages by status.", ["status"], **same)
+        self._messages = prometheus.Counter("deckline_messages", "Messages by status.", ["status"], registry=registry)
         for status in Status:
             self._messages.labels(status)  # begins at 0
-        help_text = "Age of the answers: from capture to sending."
-        self._ages = prometheus.Histogram("deckline_answer_age_seconds", help_text, buckets=AGES_S, **same)
-        prometheus.ProcessCollector(**same)  # its process_start_time_seconds changes when the process restarts
+        text = "From capture to sending."
+        self._ages = prometheus.Histogram("deckline_answer_age_seconds", text, buckets=AGES_S, registry=registry)
+        prometheus.ProcessCollector(registry=registry)  # its process_start_time_seconds changes when the process restarts
 
     def update(self, record: Record) -> None:
         """Count a message; those of frames have an age."""
