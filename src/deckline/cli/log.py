@@ -12,9 +12,8 @@ Level = Literal["info", "warning", "error"]
 class _Formatter(logging.Formatter):
     """UTC to the millisecond, level, and the message as one printable line."""
 
-    converter = time.gmtime
-
     def __init__(self) -> None:
+        self.converter = time.gmtime
         super().__init__("%(asctime)s.%(msecs)03dZ %(levelname)s %(message)s", "%Y-%m-%dT%H:%M:%S")
 
     def format(self, record: logging.LogRecord) -> str:

@@ -78,7 +78,7 @@ class Figures:
             self._messages.labels(status)  # begins at 0
         text = "From capture to sending."
         self._ages = prometheus.Histogram("deckline_answer_age_seconds", text, buckets=AGES_S, registry=registry)
-        prometheus.ProcessCollector(registry=registry)  # its process_start_time_seconds changes when the process restarts
+        prometheus.ProcessCollector(registry=registry)  # process_start_time_seconds shows a restart
 
     def update(self, record: Record) -> None:
         """Count a message; those of frames have an age."""
