@@ -1,6 +1,8 @@
 # docker build --target core --tag deckline .          # what flies: no torch, no GPU
+# docker build --target flight --tag deckline:flight . # for the aircraft: MAVLink, OpenVINO, dashboard, bags; no torch
 # docker build --target full --tag deckline:full .     # simulator, training, dashboard, logs, tests
 # docker run --rm --volume "$PWD:/data" --user "$(id -u)" deckline run RECORDING --out results
+# docker run --init --volume "$PWD:/data" --network host --device /dev/video0 deckline:flight live camera:0 --dashboard
 FROM python:3.11-slim-bookworm AS wheel
 WORKDIR /src
 COPY requirements.lock ./
@@ -19,6 +21,12 @@ USER 1000
 WORKDIR /data
 ENTRYPOINT ["deckline"]
 CMD ["--help"]
+
+FROM core AS flight
+USER 0
+COPY requirements-flight.lock /locks/
+RUN pip install --no-cache-dir --no-deps --require-hashes --requirement /locks/requirements-flight.lock
+USER 1000
 
 FROM core AS full
 ARG TORCH_INDEX=https://download.pytorch.org/whl/cpu

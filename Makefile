@@ -8,10 +8,10 @@ DASHBOARD := tests/adapters/test_dashboard.py
 export PYTHONUTF8 := 1
 export ORT_DISABLE_TELEMETRY := 1
 
-.PHONY: help demo wheel test lint docs smoke audit clean
+.PHONY: help demo wheel test lint docs smoke audit arm64 clean
 
 help: ## list the targets
-	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z0-9]+:.*## / {printf "make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 demo: $(CORE)/.wheel ## install the core from a wheel, and fly the shipped sample approach
 	$(CORE)/bin/deckline demo --out demo-out
@@ -23,8 +23,8 @@ test: $(DEV)/.dev system ## install all extras, and run the tests
 	OMP_NUM_THREADS=1 $(DEV)/bin/python -m pytest $(DASHBOARD)
 
 lint: $(DEV)/.dev ## ruff, mypy, import contracts
-	$(DEV)/bin/ruff check src tests benchmarks examples
-	$(DEV)/bin/ruff format --check src tests benchmarks examples
+	$(DEV)/bin/ruff check .
+	$(DEV)/bin/ruff format --check src tests benchmarks examples scripts ros2
 	$(DEV)/bin/mypy
 	$(DEV)/bin/lint-imports
 
@@ -43,6 +43,10 @@ audit: ## known vulnerabilities of the locked packages
 	.venv-audit/bin/pip install --quiet pip-audit
 	.venv-audit/bin/pip-audit --disable-pip --require-hashes --requirement requirements.lock
 	.venv-audit/bin/pip-audit --disable-pip --require-hashes --requirement requirements-dev.lock
+	.venv-audit/bin/pip-audit --disable-pip --require-hashes --requirement requirements-flight.lock
+
+arm64: ## wheels on PyPI for arm64 of every package that flies; needs the network, 250 MB
+	@PYTHON=$(PYTHON) sh scripts/check-arm64
 
 # Both environments take the same versions, by hash; torch comes from PyPI or an index of your own.
 $(CORE)/.core: pyproject.toml requirements.lock
@@ -62,7 +66,7 @@ $(DEV)/.dev: pyproject.toml requirements-dev.lock
 	$(PYTHON) -m venv $(DEV)
 	$(DEV)/bin/pip install --quiet torch==2.13.0
 	$(DEV)/bin/pip install --quiet --no-deps --require-hashes --requirement requirements-dev.lock
-	$(DEV)/bin/pip install --quiet --no-deps --no-build-isolation --editable ".[sim,train,viz,logs,openvino,dashboard,ros,foxglove,dev]"
+	$(DEV)/bin/pip install --quiet --no-deps --no-build-isolation --editable ".[sim,train,viz,logs,flight,dev]"
 	touch $@
 
 $(DEV)/.docs: $(DEV)/.dev

@@ -249,6 +249,15 @@ def test_who_may_ask_for_what(flying, path, headers, status):
     caught.value.close()
 
 
+def test_monitoring_reads_health_and_figures(flying):
+    with urllib.request.urlopen(f"{flying.board.url}/healthz", timeout=30) as health:
+        assert json.load(health)["status"] in set(map(str, Status))
+    before = len(flying.sent)
+    with urllib.request.urlopen(f"{flying.board.url}/metrics", timeout=30) as figures:
+        counts = re.findall(r"^deckline_messages_total\{.*\} (\S+)$", figures.read().decode(), re.M)
+    assert 0 < before - 1 <= sum(map(float, counts)) <= len(flying.sent)  # one may be on its way
+
+
 def test_a_port_that_is_taken_and_a_wrong_address_are_one_line(flying, tmp_path, capsys):
     cv2.imwrite(str(tmp_path / "a.png"), np.zeros((180, 320, 3), np.uint8))
     for address in (flying.board.url.removeprefix("http://"), "nonsense", "127.0.0.1:99999"):

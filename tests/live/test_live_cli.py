@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import socket
 import threading
@@ -42,6 +43,30 @@ def test_a_recording_is_played_once_and_leaves_a_run_folder(folder, tmp_path, ca
     assert read((out / "guidance.jsonl").read_text()) == messages
     assert {path.name for path in out.iterdir()} == {"guidance.jsonl", "guidance.csv", "report.html", "run.toml"}
     assert main(["live", str(folder), "--out", str(out), *OPTIONS]) == 2  # holds results already
+
+
+@pytest.mark.parametrize("level", ["info", "warning"])
+def test_lines_for_people_have_time_and_level_and_only_those_asked_for(folder, level, capsys):
+    (folder / "5.png").write_bytes(b"no picture")
+    assert main(["live", str(folder), "--log-level", level, *OPTIONS]) == 0
+    lines = capsys.readouterr().err.splitlines()
+    levels = [re.match(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}Z (INFO|WARNING) ", line)[1] for line in lines]
+    assert set(levels) == {"info": {"INFO", "WARNING"}, "warning": {"WARNING"}}[level]
+    assert any("could not be used" in line for line in lines)
+    assert any("5 frames" in line for line in lines) == (level == "info")
+
+
+def test_sigterm_leaves_whole_files_and_a_restart_takes_another_folder(folder, tmp_path, capsys, monkeypatch):
+    out = tmp_path / "out"
+    stops = iter([lambda: os.kill(os.getpid(), signal.SIGTERM)])  # at the first message
+    monkeypatch.setattr("deckline.live.folder._print_record", lambda record: next(stops, lambda: None)())
+    assert main(["live", str(folder), "--out", str(out), "--record", *OPTIONS]) == 0
+    records = read((out / "guidance.jsonl").read_text())
+    assert records and len((out / "guidance.csv").read_text().splitlines()) == len(records) + 1
+    assert {"report.html", "run.toml", "recording"} <= {path.name for path in out.iterdir()}
+    assert main(["live", str(folder), "--out", str(out), *OPTIONS]) == 2
+    assert str(out) in capsys.readouterr().err.splitlines()[-1]
+    assert main(["live", str(folder), "--out", str(tmp_path / "next"), *OPTIONS]) == 0
 
 
 def test_lines_go_out_over_udp(folder, capsys):

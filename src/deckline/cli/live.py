@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from deckline.cli.log import Level, make_log
 from deckline.cli.sources import SIMULATOR, SourceOptions
 from deckline.cli.views import ViewOptions
 from deckline.config import RunConfig
 from deckline.extras import needs_extra
-from deckline.files import lock_folder, print_line
+from deckline.files import lock_folder
 from deckline.flight import Flight
 from deckline.interrupts import on_first_signal
 from deckline.live.clock import WallClock
@@ -21,7 +22,7 @@ from deckline.live.folder import FlightRecorder, open_output
 from deckline.live.opening import is_camera
 from deckline.live.pipeline import STALE_S, LiveSession, Outputs
 from deckline.live.poses import PoseLookup, UdpPoses
-from deckline.live.source import LiveSource, Playback
+from deckline.live.source import LiveSource, Log, Playback
 from deckline.options import RunOptions
 from deckline.report.records import Record
 
@@ -46,6 +47,7 @@ def live(
     stale_s: float = STALE_S,
     rate: float = 30.0,
     duration: float | None = None,
+    log_level: Level = "info",
     options: Annotated[RunOptions, tyro.conf.arg(name="")] = DEFAULTS,
     overwrite: bool = False,
 ) -> int:
@@ -69,6 +71,7 @@ def live(
         stale_s: guidance is stale so many seconds after the last frame.
         rate: frames a second that are taken from a simulator or asked of it, at most.
         duration: seconds to run.
+        log_level: of the lines on stderr: info, warning or error, and above.
         options: of the configuration.
         overwrite: replace the results of an older run in `out`.
     """
@@ -77,31 +80,31 @@ def live(
     if duration is not None and not duration > 0:
         raise ValueError(f"--duration must be greater than 0, got {duration}")
     config = opening.place_poses(options.run_config())
-    wall = WallClock()
+    wall, log = WallClock(), make_log(log_level)
     with ExitStack() as stack:
-        send = stack.enter_context(open_output(to))
-        pilot = _open_autopilot(mavlink, autopilot, poses, config, wall, stack)
+        send = stack.enter_context(open_output(to, log.warning))
+        pilot = _open_autopilot(mavlink, autopilot, poses, config, wall, log.info, stack)
         link = _open_poses(source, opening, poses, pilot, config, wall, stack)
         opened: LiveSource
         if is_camera(source):
-            opened = opening.open_stream(source, wall, latency_s, rate)
+            opened = opening.open_stream(source, wall, latency_s, rate, log.warning)
         elif source.startswith(SIMULATOR):
-            opened = opening.open_simulator(source, rate, poses)
+            opened = opening.open_simulator(source, rate, poses, log.warning)
         else:
             opened = Playback(opening.open_recording(source, config, poses))
             config = opening.place_poses(options.run_config(opened.base_config))
         flight = stack.enter_context(Flight.from_config(config))
         for note in opened.notes:
-            print_line(f"note: {note}")
+            log.info(f"note: {note}")
         if out is not None:
             stack.enter_context(lock_folder(out))
         recorder = None if out is None else FlightRecorder(out, opened, flight, record, overwrite)
-        outputs = Outputs(send if pilot is None else _send_to_both(pilot.send, send), print_line)
+        outputs = Outputs(send if pilot is None else _send_to_both(pilot.send, send), log.warning)
         switch = None
         if recorder is not None:
             outputs, switch = recorder.add_to(outputs), recorder.record
         views = watching.open(
-            opened.name, config, is_live=True, overwrite=overwrite, record=switch, is_recording=record
+            opened.name, config, is_live=True, overwrite=overwrite, log=log.info, record=switch, is_recording=record
         )
         outputs = replace(outputs, views=stack.enter_context(views))
         session = LiveSession(opened, flight, outputs, poses=link, wall=wall, stale_s=stale_s)
@@ -110,15 +113,21 @@ def live(
                 summary = session.run(duration)
             finally:
                 written = [] if recorder is None else recorder.finish()
-    for line in (*summary.lines(), *([] if recorder is None else recorder.notes()), *_pose_losses(link)):
-        print_line(line)
-    for path in written:
-        print_line(path)
+    for line in (*summary.lines(), *written):
+        log.info(line)
+    for line in (*([] if recorder is None else recorder.notes()), *_pose_losses(link)):
+        log.warning(line)
     return 0
 
 
 def _open_autopilot(
-    address: str | None, firmware: str | None, poses: str | None, config: RunConfig, wall: WallClock, stack: ExitStack
+    address: str | None,
+    firmware: str | None,
+    poses: str | None,
+    config: RunConfig,
+    wall: WallClock,
+    log: Log,
+    stack: ExitStack,
 ) -> "Link | None":
     """The link to an autopilot; None: none was asked for."""
     takes_poses, origin = poses == FROM_AUTOPILOT, config.navigation.origin
@@ -132,7 +141,7 @@ def _open_autopilot(
         raise ValueError("px4 takes targets in its own local frame, which --poses mavlink gives: leave --origin out")
     with needs_extra("mavlink"):
         from deckline.adapters.mavlink.link import Link
-    return stack.enter_context(closing(Link(address, firmware, config.navigation, wall, print_line, takes_poses)))
+    return stack.enter_context(closing(Link(address, firmware, config.navigation, wall, log, takes_poses)))
 
 
 def _send_to_both(first: Callable[[Record], None], second: Callable[[Record], None]) -> Callable[[Record], None]:

@@ -11,7 +11,7 @@ from deckline.extras import needs_extra
 from deckline.files import print_line
 from deckline.live.clock import WallClock
 from deckline.live.opening import open_camera
-from deckline.live.source import StreamCamera
+from deckline.live.source import Log, StreamCamera
 from deckline.recording import Recording, open_recording
 from deckline.recording.airsim import ReadOptions
 from deckline.recording.camera_file import (
@@ -78,7 +78,9 @@ class SourceOptions:
             topics=self.topic,
         )
 
-    def open_stream(self, address: str, wall: WallClock, latency_s: float, rate_hz: float) -> StreamCamera:
+    def open_stream(
+        self, address: str, wall: WallClock, latency_s: float, rate_hz: float, log: Log = print_line
+    ) -> StreamCamera:
         """A camera or a stream.
 
         Raises:
@@ -94,14 +96,14 @@ class SourceOptions:
             def pinhole(width: int, height: int) -> MountedCamera:
                 return make_pinhole(width, height, fov_deg).at(self.deck_z_m, self.sea_z_m)
 
-        stream = open_camera(address, mounted, wall, latency_s, rate_hz, print_line, pinhole)
+        stream = open_camera(address, mounted, wall, latency_s, rate_hz, log, pinhole)
         if mounted is not None:
             stream.notes += (note_camera(stream.name, mounted.camera, OF_OPTION),)
         elif fov_deg is None:
             stream.notes += (note_assumed(stream.name, "no camera file", "give --camera FILE"),)
         return stream
 
-    def open_simulator(self, address: str, rate_hz: float, poses: str | None) -> "AirSimSource":
+    def open_simulator(self, address: str, rate_hz: float, poses: str | None, log: Log = print_line) -> "AirSimSource":
         """A simulator's camera.
 
         Raises:
@@ -113,4 +115,4 @@ class SourceOptions:
             raise ValueError(f"{address}: a simulator gives its field of view itself; leave --fov-deg out")
         with needs_extra("sim"):
             from deckline.adapters.airsim.source import AirSimSource
-        return AirSimSource(address, self.camera or "0", rate_hz, self.deck_z_m, self.sea_z_m)
+        return AirSimSource(address, self.camera or "0", rate_hz, self.deck_z_m, self.sea_z_m, log)

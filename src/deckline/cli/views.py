@@ -14,6 +14,7 @@ from deckline.extras import needs_extra
 from deckline.files import print_line
 from deckline.flight import FrameResult
 from deckline.live.mailbox import BackgroundWriter
+from deckline.live.source import Log
 from deckline.report.records import FlightView, Record
 
 WAITING = 16  # live answers that wait to be sent, at most
@@ -43,6 +44,7 @@ class ViewOptions:
         *,
         is_live: bool,
         overwrite: bool,
+        log: Log = print_line,
         record: Callable[[bool], None] | None = None,
         is_recording: bool = False,
     ) -> Iterator[tuple[FlightView, ...]]:
@@ -53,6 +55,7 @@ class ViewOptions:
             config: of the flight.
             is_live: answers have an age; guidance waits for no view.
             overwrite: replace the file of `mcap`.
+            log: takes lines for people.
             record: turns recording on and off; None: frames cannot be recorded.
             is_recording: whether it is on.
 
@@ -64,21 +67,23 @@ class ViewOptions:
             views: list[FlightView] = []
             if self.dashboard is not None:
                 address = "".join(self.dashboard)
-                board = _open_dashboard(address, source, config, is_live, record, is_recording)
+                board = _open_dashboard(address, source, config, is_live, log, record, is_recording)
                 views.append(stack.enter_context(board))
             if self.mcap is not None or self.foxglove is not None:
-                views.append(stack.enter_context(self._open_publisher(source, config, is_live, overwrite)))
+                views.append(stack.enter_context(self._open_publisher(source, config, is_live, overwrite, log)))
             yield tuple(views)
 
     @contextmanager
-    def _open_publisher(self, source: str, config: RunConfig, is_live: bool, overwrite: bool) -> Iterator[FlightView]:
+    def _open_publisher(
+        self, source: str, config: RunConfig, is_live: bool, overwrite: bool, log: Log
+    ) -> Iterator[FlightView]:
         """What turns a flight into ROS 2 messages. Live, what cannot be sent in time is lost and counted."""
         with needs_extra("foxglove"):
             from deckline.adapters.foxglove.publisher import DEFAULT, FlightPublisher, Publisher
         served = None if self.foxglove is None else "".join(self.foxglove) or DEFAULT
         with closing(Publisher(self.mcap, served, overwrite)) as publisher:
             if publisher.url:
-                print_line(f"foxglove: open {publisher.url}")
+                log(f"foxglove: open {publisher.url}")
             view = FlightPublisher(publisher, source, config)
             if not is_live:
                 yield view
@@ -88,7 +93,7 @@ class ViewOptions:
                 yield lambda result, record: writer.offer((result, record))
             if writer.lost:
                 reason = writer.error and f"; the last one: {writer.error}"
-                print_line(f"{writer.lost} answers were not published{reason}")
+                log(f"{writer.lost} answers were not published{reason}")
 
 
 @contextmanager
@@ -97,15 +102,16 @@ def _open_dashboard(
     source: str,
     config: RunConfig,
     is_live: bool,
+    log: Log,
     record: Callable[[bool], None] | None,
     is_recording: bool,
 ) -> Iterator[FlightView]:
     with needs_extra("dashboard"):
         from deckline.adapters.dashboard.server import DEFAULT, Dashboard
     with closing(Dashboard(address or DEFAULT, source, config, is_live, record, is_recording)) as dashboard:
-        print_line(f"dashboard: {dashboard.url}")
+        log(f"dashboard: {dashboard.url}")
         yield dashboard.view
         if not is_live:
-            print_line(f"{dashboard.url} stays open until Ctrl-C")
+            log(f"{dashboard.url} stays open until Ctrl-C")
             with suppress(KeyboardInterrupt):
                 threading.Event().wait()

@@ -2,7 +2,6 @@
 
 import shutil
 import socket
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -14,7 +13,7 @@ from deckline.live.mailbox import BackgroundWriter
 from deckline.live.messages import LIVE_COLUMNS
 from deckline.live.pipeline import Outputs
 from deckline.live.recorder import FrameFolder
-from deckline.live.source import LiveSource
+from deckline.live.source import LiveSource, Log
 from deckline.report.provenance import settings_of
 from deckline.report.records import Record, to_line
 from deckline.report.run_folder import start_folder
@@ -26,10 +25,10 @@ WAITING_LINES, WAITING_FRAMES = 1000, 16  # for the disk; a 720p frame takes 2.8
 
 
 @contextmanager
-def open_output(to: str) -> Iterator[Callable[[Record], None]]:
+def open_output(to: str, log: Log) -> Iterator[Callable[[Record], None]]:
     """Sends records as JSON lines: to "-", stdout, or to udp://HOST:PORT, one a datagram.
 
-    A datagram that the network does not take is lost.
+    A datagram that the network does not take is lost, and `log` gets a line.
 
     Raises:
         ValueError: neither.
@@ -44,7 +43,7 @@ def open_output(to: str) -> Iterator[Callable[[Record], None]]:
             try:
                 output.sendto(to_line(record).encode(), address)
             except OSError as error:
-                print(f"{to}: not sent: {error.strerror or error}", file=sys.stderr)
+                log(f"{to}: not sent: {error.strerror or error}")
 
         yield send
 

@@ -27,7 +27,8 @@ from deckline.types import (
 
 NO_FRAME = "without a frame"  # what is counted of messages that carry none
 LIVE_COLUMNS = {
-    name: ("live", name) for name in ("captured_s", "sent_s", "age_s", "frames", "dropped", "damaged", "unsent")
+    name: ("live", name)
+    for name in ("captured_s", "sent_s", "age_s", "frames", "dropped", "damaged", "unsent", "restarts")
 }
 VELOCITY_STEP_S = 0.1  # the deck's velocity is how far the touchdown point goes in this time
 Prediction = tuple[Track, RigidTransform, float]  # track, world_from_body and 1-sigma of its heading, rad
@@ -46,6 +47,8 @@ class FrameCounts:
     """Frames that could not be used."""
     unsent: int = 0
     """Answers that a newer one replaced because the output is slow."""
+    restarts: int = 0
+    """Times that the source came back after a failure."""
 
 
 @dataclass(frozen=True, eq=False)

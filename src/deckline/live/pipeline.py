@@ -147,7 +147,8 @@ class LiveSession:
             self.stop()
 
     def _count(self) -> FrameCounts:
-        return FrameCounts(self._whole, self._frames.dropped, self._damaged, self._answers.dropped)
+        lost = self._frames.dropped, self._damaged, self._answers.dropped
+        return FrameCounts(self._whole, *lost, self._source.restarts)
 
     def _capture(self) -> None:
         for item in self._source.captures():

@@ -43,11 +43,15 @@ class LiveSource(Source):
     Args:
         name: what people call it; without credentials.
         notes: what is odd about it but does not stop it, one line each.
+
+    Attributes:
+        restarts: times that it came back after a failure.
     """
 
     def __init__(self, name: str, notes: tuple[str, ...] = ()) -> None:
         self.name = name
         self.notes = notes
+        self.restarts = 0
         self.stopped = threading.Event()
 
     @abstractmethod
@@ -139,6 +143,7 @@ class StreamCamera(LiveSource):
                 for item in self._session():
                     if reason and isinstance(item, Captured):
                         self._log(f"{self.name} is back")
+                        self.restarts += 1
                         wait_s, reason = FIRST_WAIT_S, ""
                     yield item
             except (av.error.FFmpegError, OSError, RecordingError) as error:

@@ -24,9 +24,9 @@ from deckline.recording.ros_messages import (
     is_depth,
     read_attitude,
     read_fix,
+    read_mount,
     read_pose,
     read_time,
-    ros_from_body,
     turn_track,
 )
 from deckline.recording.source import RecordingError
@@ -221,7 +221,7 @@ def open_bag(
             what = "no camera_info" if info is None else f"{info.name} is not calibrated"
             notes.append(note_assumed(str(path), what, "give --camera FILE"))
         else:
-            mount = _read_mount(found.tree, frame, body, f"{path}: mount", navigation)
+            mount = read_mount(found.tree, frame, body, f"{path}: mount", navigation)
             if mount is None:
                 notes.append(f"{path}: no transform from {body} to {frame!r}: the camera is taken to point forward")
     track = track if track is not None else _read_track(path, sources, found, body, navigation)
@@ -253,21 +253,6 @@ def _body_of(chooser: TopicSelector, sources: Sequence[Topic], tree: TransformTr
     if BODY in above or (sources and sources[0].kind in POSES):
         return BODY
     return next((child for child in above[:-1] if tree.moves(child)), BODY)
-
-
-def _read_mount(
-    tree: TransformTree, frame: str, body: str, name: str, navigation: Navigation
-) -> PoseTrack | RigidTransform | None:
-    """body_from_camera in our axes; None without a way from one to the other."""
-    path = tree.path(frame)
-    if body not in path:
-        return None
-    mount = tree.resolve(path[: path.index(body) + 1], name, navigation)
-    turn = RigidTransform.from_components(np.zeros(3), ros_from_body(body).inv())
-    if isinstance(mount, RigidTransform):
-        return turn * mount
-    turned = turn * RigidTransform.from_components(mount.positions_m, mount.rotations)
-    return replace(mount, positions_m=turned.translation, rotations=turned.rotation)
 
 
 def _read_track(

@@ -232,3 +232,18 @@ class TransformTree:
         within = (times >= max(first for first, _ in known)) & (times <= min(last for _, last in known))
         quaternions = whole.rotation.as_quat(scalar_first=True)
         return make_track(name, times[within], whole.translation[within], quaternions[within], navigation)
+
+
+def read_mount(
+    tree: TransformTree, frame: str, body: str, name: str, navigation: Navigation
+) -> PoseTrack | RigidTransform | None:
+    """body_from_camera in our axes; None without a way from one to the other."""
+    path = tree.path(frame)
+    if body not in path:
+        return None
+    mount = tree.resolve(path[: path.index(body) + 1], name, navigation)
+    turn = RigidTransform.from_components(np.zeros(3), ros_from_body(body).inv())
+    if isinstance(mount, RigidTransform):
+        return turn * mount
+    turned = turn * RigidTransform.from_components(mount.positions_m, mount.rotations)
+    return replace(mount, positions_m=turned.translation, rotations=turned.rotation)

@@ -299,6 +299,7 @@ class AirSimSource(LiveSource):
             with suppress(ConnectionLostError, ValueError):  # not there yet, or there and still loading
                 self._mount = self._connect().body_from_camera
         self._log("the simulator is back")
+        self.restarts += 1
 
     def _hang_up(self) -> None:
         if self._connection is not None:

@@ -20,6 +20,7 @@ from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from deckline.adapters.dashboard.snapshots import Memory, Snapshot, SnapshotPictures, dehaze, make_snapshot
+from deckline.adapters.metrics.flight_metrics import FlightMetrics
 from deckline.config import RunConfig
 from deckline.dehaze import DEHAZERS, NOT_DEHAZED, Dehazer
 from deckline.files import print_line
@@ -88,6 +89,7 @@ class Dashboard:
             "dots": {"lateral": LATERAL_DOTS, "slope_deg": GLIDESLOPE_DOT_DEG, "full": FULL_SCALE_DOTS},
         }
         self._mail: Mailbox[tuple[FrameResult | None, Record, float]] = Mailbox()
+        self._metrics = FlightMetrics() if is_live else None
         self._memory = Memory()
         self._newest: tuple[Snapshot, float | None, float] | None = None  # snapshot, its age, and when that was
         self._stopped = threading.Event()
@@ -105,6 +107,8 @@ class Dashboard:
     def view(self, result: FrameResult | None, record: Record) -> None:
         """Take the newest answer; returns at once."""
         self._mail.put((result, record, time.monotonic()))
+        if self._metrics is not None and "live" in record:
+            self._metrics.update(record)
 
     def close(self) -> None:
         self._stopped.set()
@@ -137,6 +141,8 @@ class Dashboard:
             app.add_middleware(TrustedHostMiddleware, allowed_hosts=[*LOOPBACK])
         app.get("/snapshot/{number}")(self._get_snapshot)
         app.get("/picture/{number}/{part}")(self._get_picture)
+        if self._metrics is not None:
+            self._metrics.add_routes(app)
         ui.page("/", title=f"{source} – deckline", dark=True)(self._show)
         ui.run_with(
             app, message_history_length=0, tailwind=False, show_welcome_message=False, binding_refresh_interval=None

@@ -1,0 +1,1 @@
+"""deckline as a ROS 2 node."""

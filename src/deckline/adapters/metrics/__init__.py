@@ -1,0 +1,1 @@
+"""Figures of a live flight for monitoring."""
