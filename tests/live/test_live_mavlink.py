@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import common as mavlink
 
 from approach_scene import frame
 from deckline.adapters.mavlink.link import Link, parse_datagram
-from deckline.adapters.mavlink.messages import describe, landing_target, ship_beacon, status_text
+from deckline.adapters.mavlink.messages import TEXT_LENGTH, describe, landing_target, ship_beacon, status_text
 from deckline.adapters.mavlink.timesync import TOLERANCE_NS, ClockOffset
 from deckline.cli.main import main
 from deckline.config import Navigation
@@ -26,6 +26,7 @@ from deckline.live.opening import open_camera
 from deckline.live.pipeline import LiveSession, Outputs
 from deckline.recording import RecordingError
 from deckline.recording.geodesy import ecef_from_geodetic, ecef_from_ned, geodetic_from_ned
+from deckline.types import Reason, Status
 from picture_scene import picture_result
 
 # A stated width and a checked mounting: guidance of a hovering aircraft becomes `ok`.
@@ -105,16 +106,45 @@ def test_a_stream_flown_by_the_autopilots_poses_gives_it_targets_until_the_wire_
         assert link.sent <= session.counts["ok"]
 
 
-def test_only_ok_has_a_target_and_every_text_fits():
+def test_only_ok_has_a_target():
     record = ok_record()
-    for status in ("unverified", "one line", "coasting", "stale", "not seen"):
-        other = record | {"status": status, "flags": [{"name": "other lines", "reason": ""}] * 9}
+    for status in set(Status) - {Status.OK}:
+        other = record | {"status": str(status), "flags": [{"name": "other lines", "reason": ""}] * 9}
         assert landing_target(other, "px4") is None and ship_beacon(other, (0.0, 0.0, 0.0)) is None
         text = status_text(other, 12.34, "px4")
-        assert len(text.text) == 50 and text.text.endswith(" 12.3 s")
+        assert text.text == f"deckline {status}: other lines 12.3 s"
         assert text.severity == mavlink.MAV_SEVERITY_WARNING
     assert describe(record | {"live": record["live"] | {"touchdown": None}}, "px4") == "ok: no touchdown point"
     assert status_text(record, 0.1, "px4").severity == mavlink.MAV_SEVERITY_INFO
+
+
+def reason_lists():
+    """Each reason alone, each two, and longer and longer lists that begin with each."""
+    reasons = [str(reason) for reason in Reason]
+    for first, _ in enumerate(reasons):
+        turned = reasons[first:] + reasons[:first]
+        yield from (turned[:count] for count in range(1, len(turned) + 1))
+        yield from ([reasons[first], other] for other in reasons)
+
+
+@pytest.mark.parametrize("status", sorted(set(Status) - {Status.OK}))
+@pytest.mark.parametrize("silent_s", [None, 0.1, 98.97, 123456.7])
+@pytest.mark.parametrize("kind", ["flags", "reasons"])
+def test_no_text_is_cut_within_a_word(status, silent_s, kind):
+    age = {None: "", 0.1: " 0.1 s", 98.97: " 99.0 s", 123456.7: " >99 s"}[silent_s]
+    for names in reason_lists():
+        flags = [{"name": name, "reason": ""} for name in names if kind == "flags"]
+        text = status_text({"status": str(status), "flags": flags, "reasons": names}, silent_s, "px4").text
+        assert len(text) <= TEXT_LENGTH and text.endswith(age)
+        head, _, listed = text.removesuffix(age).partition(": ")
+        listed, _, left_out = listed.partition(" +")
+        shown = listed.split(", ") if listed else []
+        known = [name for name in dict.fromkeys(names) if kind == "flags" or name != status]
+        assert head == f"deckline {status}" and shown == known[: len(shown)]
+        if shown:
+            assert len(shown) + int(left_out or 0) == len(known)
+        else:
+            assert known in ([], [status])
 
 
 @pytest.mark.parametrize("lost", [0.0, 0.3])

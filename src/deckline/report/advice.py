@@ -1,5 +1,6 @@
 """What to do about a status, a flag or a reason, for the person who flies and for the one who reads a run's end."""
 
+from deckline.guide.deviations import NOT_FRESH
 from deckline.report.records import Record
 from deckline.types import Reason, Status
 
@@ -7,7 +8,7 @@ TO_DO = {
     Status.UNVERIFIED: "compare with other instruments",
     Status.ONE_LINE: "compare with other instruments; be ready to go around",
     Status.COASTING: "be ready to go around",
-    Status.STALE: "go around or fly by other instruments; check camera and link",
+    Status.STALE: "go around; check camera and link",
     Status.NOT_SEEN: "fly by other instruments",
 }
 CHECK = {
@@ -22,17 +23,16 @@ CHECK = {
     Reason.ANGLE: "whether these lines are the runway's edges",
     Reason.DRIFT: "whether the camera turned in its mount",
     Reason.RESIDUALS: "the stated accuracies (--grade)",
-    Reason.FROZEN: "the camera: its picture does not change",
     Reason.SWAPPED: "whether this is the right end of the runway",
     Reason.OTHER_LINES: "which runway is meant",
     Reason.PAINT: "whether these lines are the runway's edges",
     Reason.ATTITUDE: "how the camera is mounted, and the attitude of the poses",
     Reason.DECK_SIGN: "the sign of --deck-z-m (z is down)",
     Reason.RESUMED: "nothing: the track is new",
-    Reason.STALE: "camera and link",
 }
 OTHERWISE = "do not follow the numbers until the cause is found"
 REMEDIES = {
+    **dict.fromkeys(NOT_FRESH, TO_DO[Status.STALE]),
     Reason.NO_SCALE: "state --runway-width-m, or use a depth camera",
     Reason.YAW: "state --ship-velocity-m-s NORTH EAST (0 0 on land), or integrity.mount_yaw_deg of a checked mounting",
     Reason.YOUNG_TRACK: "take more frames of the flight, without --no-track",
@@ -49,9 +49,10 @@ def advise(record: Record) -> list[Record]:
 
     That it is stale; else its flags; without one the reason of a status that is not ok.
     """
-    status, flags = Status(record["status"]), record["flags"]
+    flags = record["flags"]
+    late = [flag["reason"] for flag in flags if flag["name"] in NOT_FRESH]
+    status = Status.STALE if late else Status(record["status"])
     if status is Status.STALE or not flags:
-        late = [flag["reason"] for flag in flags if flag["name"] == Reason.STALE]
         do = TO_DO.get(status)
         return [] if do is None else [{"words": "; ".join(late) or record["reason"] or str(status), "do": do}]
     return [{"words": flag["reason"], "do": remedy_of(Reason(flag["name"])) or OTHERWISE} for flag in flags]

@@ -19,6 +19,7 @@ from starlette.datastructures import Headers
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from deckline.adapters.dashboard.connections import BACKLOG, BoundedProtocol
 from deckline.adapters.dashboard.snapshots import Memory, Snapshot, SnapshotPictures, dehaze, make_snapshot
 from deckline.adapters.metrics.flight_metrics import FlightMetrics
 from deckline.config import RunConfig
@@ -26,9 +27,12 @@ from deckline.dehaze import DEHAZERS, NOT_DEHAZED, Dehazer
 from deckline.files import print_line
 from deckline.flight import FrameResult
 from deckline.live.mailbox import Mailbox
+from deckline.report.advice import TO_DO
 from deckline.report.instrument import FULL_SCALE_DOTS, GLIDESLOPE_DOT_DEG, LATERAL_DOTS
 from deckline.report.records import Record
 from deckline.report.status import STATUS_COLOURS
+from deckline.track.tracker import NEW_FLIGHT_S
+from deckline.types import Status
 
 DEFAULT = "127.0.0.1:8080"
 LOOPBACK = ("127.0.0.1", "localhost")
@@ -82,6 +86,8 @@ class Dashboard:
             "source": source,
             "live": is_live,
             "held_s": HELD_S,
+            "new_flight_s": NEW_FLIGHT_S,
+            "stale_advice": TO_DO[Status.STALE],
             "can_record": record is not None,
             "dehazers": [name for name in DEHAZERS if name != NOT_DEHAZED],
             "dehazer": config.models.dehazer if config.models.dehazer in DEHAZERS else NOT_DEHAZED,
@@ -96,9 +102,11 @@ class Dashboard:
         self._dehazers: dict[str, Dehazer] = {}
         self._dehazed: OrderedDict[tuple[int, str], tuple[bytes, bytes | None, str]] = OrderedDict()
         self._lock = threading.Lock()  # one picture is dehazed at a time
-        self._server = uvicorn.Server(
-            uvicorn.Config(self._build(host, source), log_config=None, access_log=False, timeout_graceful_shutdown=1)
+        app = self._build(host, source)
+        serving = uvicorn.Config(
+            app, http=BoundedProtocol, backlog=BACKLOG, log_config=None, access_log=False, timeout_graceful_shutdown=1
         )
+        self._server = uvicorn.Server(serving)
         serve = lambda: asyncio.run(self._server.serve([self._socket]))  # noqa: E731
         self._threads = [threading.Thread(target=step, daemon=True) for step in (self._remember, serve)]
         for thread in self._threads:

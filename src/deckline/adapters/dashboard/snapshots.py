@@ -118,7 +118,7 @@ def make_snapshot(number: int, result: FrameResult | None, record: Record, pictu
         pictured: number of the last snapshot with a picture.
     """
     live: Record = record.get("live") or {}
-    time_s = record["time_s"] if not live else live["captured_s"] if result is not None else live["sent_s"]
+    time_s = live["sent_s"] if live else record["time_s"]  # live values are predicted to the time of sending
     values = live.get("now") or record["guidance"]
     levels = (live.get("now_protection") if live.get("now") else record["protection"]) or {}
     pictures = None if result is None else take_pictures(result)

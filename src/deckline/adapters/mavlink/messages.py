@@ -23,6 +23,7 @@ Origin = tuple[float, float, float]  # latitude, longitude, degrees, altitude, m
 PX4 = "px4"
 FIRMWARES = {PX4: mavlink.MAV_AUTOPILOT_PX4, "ardupilot": mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA}
 TEXT_LENGTH = 50  # bytes of a STATUSTEXT
+LONGEST_AGE_S = 99  # a text states no longer silence
 SEVERITIES = {
     Status.OK: mavlink.MAV_SEVERITY_INFO,
     Status.UNVERIFIED: mavlink.MAV_SEVERITY_NOTICE,
@@ -96,20 +97,32 @@ def describe(record: Record, firmware: str) -> str:
         if touchdown_of(record, firmware) is not None:
             return "ok"
         return "ok: pose of the picture, no target" if record["live"]["touchdown"] else "ok: no touchdown point"
-    names = flags or [reason for reason in record["reasons"] if reason != status]
-    return f"{status}: {', '.join(names)}" if names and names != [status] else str(status)
+    names = dict.fromkeys(flags or (reason for reason in record["reasons"] if reason != status))
+    return f"{status}: {', '.join(names)}" if names and list(names) != [status] else str(status)
+
+
+def shorten(text: str, length: int) -> str:
+    """Text with as many of its comma-separated names as `length` characters hold, and how many names are left out."""
+    names = text.split(", ")
+    for left_out in range(len(names)):
+        short = ", ".join(names[: len(names) - left_out]) + (f" +{left_out}" if left_out else "")
+        if len(short) <= length:
+            break
+    return short
 
 
 def status_text(record: Record, silent_s: float | None, firmware: str) -> Any:
-    """STATUSTEXT of a record.
+    """STATUSTEXT of a record, whole words within `TEXT_LENGTH`.
 
     Args:
         record: a live one.
         silent_s: since the last LANDING_TARGET; None: there was none.
         firmware: a key of `FIRMWARES`.
     """
-    age = f" {silent_s:.1f} s" if silent_s is not None and touchdown_of(record, firmware) is None else ""
-    text = f"deckline {describe(record, firmware)}".encode("ascii", "replace")[: TEXT_LENGTH - len(age)] + age.encode()
+    age = ""
+    if silent_s is not None and touchdown_of(record, firmware) is None:
+        age = f" {silent_s:.1f} s" if silent_s < LONGEST_AGE_S else f" >{LONGEST_AGE_S} s"
+    text = shorten(f"deckline {describe(record, firmware)}", TEXT_LENGTH - len(age)) + age
     warning = mavlink.MAV_SEVERITY_WARNING
     severity = warning if record["flags"] else SEVERITIES.get(record["status"], warning)
-    return mavlink.MAVLink_statustext_message(severity, text)
+    return mavlink.MAVLink_statustext_message(severity, text.encode("ascii"))
