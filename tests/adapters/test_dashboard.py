@@ -4,12 +4,14 @@ import json
 import re
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import threading
 import time
 import urllib.error
 import urllib.request
+from contextlib import ExitStack
 from dataclasses import replace
 
 import cv2
@@ -17,6 +19,7 @@ import numpy as np
 import pytest
 
 from approach_scene import LEFT, RIGHT, STILL, chain, frame, points
+from deckline.adapters.dashboard.connections import CONNECTIONS
 from deckline.adapters.dashboard.server import Dashboard
 from deckline.adapters.dashboard.snapshots import Memory, Snapshot, dehaze, make_snapshot
 from deckline.cli.main import main
@@ -110,6 +113,7 @@ def page(flying, browser):
     shown.set_default_timeout(WAIT_MS)
     shown.errors, shown.hosts = [], set()
     shown.on("pageerror", lambda error: shown.errors.append(str(error)))
+    shown.on("console", lambda line: shown.errors.append(line.text) if line.type in ("error", "warning") else None)
     shown.on("request", lambda request: shown.hosts.add(re.sub(r"^(\w+:(//[^/]*)?).*", r"\1", request.url)))
     shown.goto(flying.board.url)
     wait(shown, "#lateral")
@@ -186,6 +190,38 @@ def test_runway_widths_leave_no_tile_empty_and_the_pose_is_tagged(flying, page):
     finally:
         flying.source.stalled.clear()
     wait(page, ".board:not(.old)")
+
+
+@pytest.mark.parametrize(
+    "size", [(1920, 1080), (1366, 768), (1024, 768), (800, 900), (700, 1000), (390, 844)], ids=lambda size: f"{size[0]}"
+)
+def test_no_text_is_cut_at_any_size(page, size):
+    page.set_viewport_size({"width": size[0], "height": size[1]})
+    wait(page, "#whole image[href^=blob]")
+    cut = page.evaluate(
+        """() => [...document.querySelectorAll(".board p, .board h2, .board span, .board small")]
+            .filter((one) => one.clientWidth && one.scrollWidth > one.clientWidth + 1).map((one) => one.textContent)"""
+    )
+    assert cut == []
+    outside = page.evaluate(
+        """() => [...document.querySelectorAll(".tile p, .tag, .age, .advice, footer button")].filter((one) => {
+            const box = one.getBoundingClientRect();
+            return box.width && (box.left < -1 || box.right > innerWidth + 1);
+        }).map((one) => one.textContent)"""
+    )
+    assert outside == []
+
+
+def test_connections_are_bounded_and_the_flight_goes_on(flying):
+    address = ("127.0.0.1", int(flying.board.url.rsplit(":", 1)[1]))
+    before = len(flying.sent)
+    with ExitStack() as stack:
+        idle = [stack.enter_context(socket.create_connection(address, timeout=30)) for _ in range(CONNECTIONS + 20)]
+        assert all(one.recv(64).startswith(b"HTTP/1.1 503") for one in idle[CONNECTIONS:])
+        until = time.monotonic() + 60
+        while len(flying.sent) == before and time.monotonic() < until:
+            time.sleep(0.05)
+    assert len(flying.sent) > before
 
 
 def test_it_pauses_and_looks_back_while_guidance_goes_on(flying, page):
