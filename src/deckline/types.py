@@ -177,9 +177,7 @@ CAMERA_REMEDY = "pass Camera(...), camera.toml beside the recording, or --fov-de
 NO_CAMERA = Diagnostic(Reason.NO_CAMERA, f"camera not known: lines in pixels, no metres; {CAMERA_REMEDY}")
 ASSUMED_CAMERA = Diagnostic(Reason.ASSUMED_CAMERA, f"the camera's focal length is assumed: {CAMERA_REMEDY}")
 MAX_FOCAL_SIGMA = 0.02  # share; of a camera whose focal length counts as stated
-NO_POSE = Diagnostic(
-    Reason.NO_POSE, "pose not known: pass world_from_body, or poses.csv with this time beside the recording"
-)
+NO_POSE = Diagnostic(Reason.NO_POSE, "pose not known: give --poses; in Python, world_from_body")
 
 
 def message_of(diagnostics: Diagnostics) -> str:

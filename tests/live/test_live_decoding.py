@@ -243,6 +243,7 @@ def test_pictures_beyond_the_bound_are_refused_undecoded(decode, monkeypatch):
 
 FILES = ["file:///etc/hosts", "/etc/hosts", "http://h/a.m3u8", "https://h/a.m3u8", "hls+http://h/a", "concat:a|b"]
 FILES += ["data:text/plain,a", "subfile,,start,0,end,9,,:/etc/hosts", "udp:/etc/hosts", "rtp:///etc/hosts", "pipe:0"]
+FILES += ["srt:/127.0.0.1:9000", "rtsp:/10.0.0.2", "rtp:5004"]
 FILES += ["camera:x", "camera:0?gain=3", "/dev/null", "udp://127.0.0.1", "udp://u@h:5/x"]
 
 
@@ -250,7 +251,7 @@ FILES += ["camera:x", "camera:0?gain=3", "/dev/null", "udp://127.0.0.1", "udp://
 def test_no_address_is_a_file_or_a_playlist(address):
     with pytest.raises(ValueError, match=re.escape(address)):
         open_camera(address, None, WallClock())
-    assert not is_camera(address) or address.startswith(("udp:", "rtp:", "camera:"))
+    assert not is_camera(address) or address.startswith(("udp:", "rtp:", "srt:", "rtsp:", "camera:"))
 
 
 @pytest.mark.parametrize("target", ["file://{}", "http://127.0.0.1:{port}/a.m3u8", "udp://127.0.0.1:{port}", "{}"])

@@ -72,7 +72,7 @@ def test_windows_of_selected_points_share_no_pixel():
 def test_mode_is_chosen_and_never_replaced_silently(frame, mode, expected, reason):
     chosen, diagnostic = choose_mode(frame, INLIERS, mode)
     assert (chosen, diagnostic and diagnostic.reason) == (expected, reason)
-    named = {Reason.NO_DECK_HEIGHT: "--deck-z-m", Reason.NO_POSE: "poses.csv"}
+    named = {Reason.NO_DECK_HEIGHT: "--deck-z-m", Reason.NO_POSE: "--poses"}
     assert diagnostic is None or named.get(reason, "") in diagnostic.message
 
 

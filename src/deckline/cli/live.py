@@ -19,7 +19,7 @@ from deckline.flight import Flight
 from deckline.interrupts import on_first_signal
 from deckline.live.clock import WallClock
 from deckline.live.folder import FlightRecorder, open_output
-from deckline.live.opening import is_camera
+from deckline.live.opening import SCHEMES, is_camera
 from deckline.live.pipeline import STALE_S, LiveSession, Outputs
 from deckline.live.poses import PoseLookup, UdpPoses
 from deckline.live.source import LiveSource, Log, Playback
@@ -90,6 +90,9 @@ def live(
             opened = opening.open_stream(source, wall, latency_s, rate, log.warning)
         elif source.startswith(SIMULATOR):
             opened = opening.open_simulator(source, rate, poses, log.warning)
+        elif "://" in source:
+            schemes = ", ".join((*SCHEMES, "airsim"))
+            raise ValueError(f"{source}: expected a recording, /dev/videoN or an address of {schemes}")
         else:
             opened = Playback(opening.open_recording(source, config, poses))
             config = opening.place_poses(options.run_config(opened.base_config))

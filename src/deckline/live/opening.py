@@ -18,7 +18,14 @@ LOW_DELAY = {"fflags": "nobuffer", "flags": "low_delay", "probesize": "500000", 
 RTSP = {"protocol_whitelist": "rtsp,rtp,udp,tcp,tls", "rtsp_transport": "tcp"}  # no way to local files
 SRT = {"protocol_whitelist": "srt"}
 DEVICE_OPTIONS = ("video_size", "framerate", "input_format")
-SCHEMES = ("camera", "udp", "rtp", "rtsp", "rtsps", "srt")
+EXAMPLES = {  # by scheme
+    "udp": "udp://0.0.0.0:5600",
+    "rtp": "rtp://0.0.0.0:5004",
+    "rtsp": "rtsp://10.0.0.2/cam",
+    "rtsps": "rtsps://10.0.0.2/cam",
+    "srt": "srt://10.0.0.2:9000",
+}
+SCHEMES = ("camera", *EXAMPLES)
 
 
 class NetworkStream(StreamCamera):
@@ -71,6 +78,8 @@ def open_camera(
         RecordingError: the port is taken, or this FFmpeg has no SRT.
     """
     scheme, same = urlsplit(address).scheme, (mounted, wall, latency_s, log, pinhole)
+    if scheme in EXAMPLES and not (address.startswith(f"{scheme}://") and urlsplit(address).netloc):
+        raise ValueError(f"{address}: expected an address such as {EXAMPLES[scheme]}")
     if scheme in ("udp", "rtp"):
         return NetworkStream(address, *same)
     if scheme in ("rtsp", "rtsps"):

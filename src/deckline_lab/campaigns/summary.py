@@ -23,8 +23,8 @@ COMMON = (GOOD, Outcome.WIRE)  # events that most landings have
 NOTES = """\
 Good: a wire, or a wave-off that had to be. Square brackets: 95 % intervals (Clopper and Pearson). At most: one-sided
 95 % bound; of no event in n landings it is 3 / n. Touchdown: of all landings that touched the deck; along: beyond the
-touchdown point, across: right of the centre line; 1-sigma in brackets. First ok: median distance to the touchdown point
-at the first `ok` answer of the picture."""
+touchdown point, across: right of the centre line; 1-sigma in brackets. First ok: median distance to the ramp at the
+first `ok` answer of the picture."""
 WEIGHTED_NOTE = """\
 Shares are weighted: estimates of the weighted mean with gamma intervals (Fay and Feuer). Effective: landings of equal
 weight that would give the mean the same variance."""
@@ -51,7 +51,7 @@ class FlownLanding:
     misleading: bool
     """Guidance was `ok` beyond its protection level at least once."""
     first_ok_m: float | None
-    """Distance to the touchdown point of the first `ok` answer of the picture, m; None: there was none."""
+    """Distance to the ramp at the first `ok` answer of the picture, m; None: there was none."""
 
     def has(self, event: str) -> bool:
         """Whether an event of `EVENTS` happened."""
