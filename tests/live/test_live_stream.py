@@ -17,6 +17,7 @@ from loopback import (
 
 from deckline.cli.sources import SourceOptions
 from deckline.config import Navigation
+from deckline.live import pipeline
 from deckline.live.clock import WallClock
 from deckline.live.folder import FlightRecorder
 from deckline.live.opening import hide_credentials, open_camera
@@ -155,6 +156,17 @@ def test_a_flight_that_fails_ends_the_session_with_its_error(tmp_path):
         chain.detector = broken
         with pytest.raises(RuntimeError, match="a bug"):
             LiveSession(camera, chain, Outputs(lambda record: None, lambda line: None)).run(30.0)
+
+
+@pytest.mark.parametrize(("load", "lines_expected"), [(99.0, 1), (0.1, 0)])
+def test_late_answers_of_a_busy_machine_are_named_once(monkeypatch, load, lines_expected):
+    monkeypatch.setattr(pipeline, "LATE_S", 0.0)
+    monkeypatch.setattr(pipeline, "LATE_ANSWERS", 3)
+    monkeypatch.setattr(pipeline.os, "getloadavg", lambda: (load, 0.0, 0.0))
+    port = free_port()
+    with flying(port) as (messages, lines), Sender(port):
+        wait_until(lambda: len(answers(messages)) > 8)
+        assert sum("a load of" in line for line in lines) == lines_expected
 
 
 def test_two_programs_cannot_take_one_stream():

@@ -209,3 +209,14 @@ def test_no_engine_leaves_telemetry_in_the_home_folder(tmp_path: Path, double: P
     clean = {name: value for name, value in os.environ.items() if name not in off} | {"HOME": str(home)}
     subprocess.run([sys.executable, "-c", code], env=clean, check=True)
     assert not list(home.iterdir())
+
+
+@pytest.mark.parametrize(("share", "cores"), [("max 100000", 8), ("150000 100000", 2), ("1000 100000", 1), ("9 1", 8)])
+def test_usable_cores_are_those_of_affinity_and_control_group(tmp_path, monkeypatch, share, cores):
+    path = tmp_path / "cpu.max"
+    path.write_text(share + "\n")
+    monkeypatch.setattr(engines, "CPU_SHARE", path)
+    monkeypatch.setattr(engines.os, "sched_getaffinity", lambda pid: set(range(8)), raising=False)
+    assert engines.usable_cores() == cores
+    monkeypatch.setattr(engines, "CPU_SHARE", tmp_path / "none")
+    assert engines.usable_cores() == 8

@@ -20,7 +20,7 @@ from deckline.interrupts import on_first_signal
 from deckline.live.clock import WallClock
 from deckline.live.folder import FlightRecorder, open_output
 from deckline.live.opening import SCHEMES, is_camera
-from deckline.live.pipeline import STALE_S, LiveSession, Outputs
+from deckline.live.pipeline import STALE_S, LiveSession, Outputs, live_config
 from deckline.live.poses import PoseLookup, UdpPoses
 from deckline.live.source import LiveSource, Log, Playback
 from deckline.options import RunOptions
@@ -96,6 +96,7 @@ def live(
         else:
             opened = Playback(opening.open_recording(source, config, poses))
             config = opening.place_poses(options.run_config(opened.base_config))
+        config = live_config(config)
         flight = stack.enter_context(Flight.from_config(config))
         for note in opened.notes:
             log.info(f"note: {note}")

@@ -12,6 +12,7 @@ With a pose, only a gain and offsets for each angle below the horizontal are tak
 has them.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -84,7 +85,7 @@ class OnnxDehazer:
         without_pose: Dehazer | None = None,
     ) -> None:
         self.name = name or Path(path).name
-        self.session = load_session(path, engine, spins=False)  # a detector runs beside it
+        self.session = load_session(path, replace(engine, spins=False))  # a detector runs beside it
         config = self.session.config
         if config.get("kind") != "dehaze":
             raise ValueError(

@@ -1,13 +1,16 @@
 """Capture, perceive and guide, each in its own thread; between them the newest item wins."""
 
+import os
 import threading
 import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 
+from deckline.config import RunConfig
 from deckline.flight import Flight, FrameResult
 from deckline.live.clock import WallClock
 from deckline.live.mailbox import Mailbox
@@ -17,6 +20,7 @@ from deckline.live.recorder import round_pose
 from deckline.live.source import Captured, LiveSource, Log
 from deckline.recording import BadFrame
 from deckline.report.records import FlightView, Record
+from deckline.runtime import usable_cores
 from deckline.types import Frame
 
 STALE_S = 0.2
@@ -25,6 +29,8 @@ TICK_S = 0.01  # between checks for staleness
 WAIT_S = 0.1  # a wait for a frame notices a stop within this time
 REPORT_EVERY_S = 5.0  # between lines about damaged frames
 AGES = 10_000  # of the last answers, for the summary
+LATE_S, LATE_ANSWERS = 0.15, 30  # median age of so many answers, above which a busy machine is named
+BUSY = 1.5  # load for each core
 END_S = 3.0  # for a thread to end; one that hangs in a driver is left behind
 
 
@@ -71,6 +77,11 @@ class End:
     """Marks the end of a recording."""
 
 
+def live_config(config: RunConfig) -> RunConfig:
+    """The same whose network's threads sleep between operators: capture, localization and outputs need the cores."""
+    return replace(config, engine=replace(config.engine, spins=False))
+
+
 class LiveSession:
     """One flight from a live source; `run` it once.
 
@@ -112,6 +123,7 @@ class LiveSession:
         self._reported_s = self._captured_s  # last line about damaged frames
         self._lock = threading.Lock()
         self._ages: deque[float] = deque(maxlen=AGES)
+        self._is_warned = False  # of late answers
 
     def stop(self) -> None:
         """End `run`; for a signal handler or any thread."""
@@ -207,6 +219,7 @@ class LiveSession:
                 last, sent_s = answer, now_s
                 record = answer_record(answer, self._count(), now_s, self._offset_s, self._stale_s, approach)
                 self._ages.append(now_s - answer.at_s)
+                self._warn_if_late()
                 self._send(record, answer.result)
                 continue
             silent_s = now_s - min(self._captured_s, sent_s)
@@ -214,6 +227,17 @@ class LiveSession:
                 stale_sent_s = now_s
                 reason = self._explain(now_s, last is None)
                 self._send(stale_record(last, self._count(), now_s, self._offset_s, reason, approach), None)
+
+    def _warn_if_late(self) -> None:
+        """One line for the flight, where answers come late on a machine that has more to do than it can."""
+        newest = tuple(islice(reversed(self._ages), LATE_ANSWERS))
+        if self._is_warned or len(newest) < LATE_ANSWERS or (age_s := float(np.median(newest))) < LATE_S:
+            return
+        load, cores = os.getloadavg()[0], usable_cores()
+        if load > BUSY * cores:
+            self._is_warned = True
+            remedy = "stop other programs, or use --device openvino, smaller pictures or a lower --rate"
+            self._out.log(f"answers are {1e3 * age_s:.0f} ms old: a load of {load:.1f} on {cores} cores; {remedy}")
 
     def _explain(self, now_s: float, is_first: bool) -> str:
         """Why there is no answer; `is_first`: there was none before."""

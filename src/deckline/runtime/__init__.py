@@ -2,7 +2,7 @@
 
 import os
 
-from deckline.runtime.engines import describe_engines, describe_processor
+from deckline.runtime.engines import describe_engines, describe_processor, usable_cores
 from deckline.runtime.session import ModelSession, load_session
 from deckline.runtime.weights import ShippedModel, sha256_of, shipped_models, shipped_weights
 
@@ -17,4 +17,5 @@ __all__ = [
     "sha256_of",
     "shipped_models",
     "shipped_weights",
+    "usable_cores",
 ]

@@ -1,5 +1,7 @@
 """What computes a network: ONNX Runtime, on the processor or a GPU, or OpenVINO. Only this module imports OpenVINO."""
 
+import math
+import os
 import platform
 import sys
 import time
@@ -24,6 +26,7 @@ MOST_BYTES = 4 << 30  # of all networks' values at a time, on the processor: pic
 LONGEST_S, WATCH_S = 120.0, 0.5  # of one computation; between two looks at those that run
 
 CPUINFO = Path("/proc/cpuinfo")  # proc(5)
+CPU_SHARE = Path("/sys/fs/cgroup/cpu.max")  # of the control group, in a container: quota and period, us
 FLAGS = ("avx2", "avx512f", "avx512_vnni", "avx512_bf16", "amx_bf16", "amx_int8", "asimd", "bf16")  # that count here
 
 Compute = Callable[[dict[str, NDArray[np.float32]]], Sequence[NDArray]]  # inputs by name -> outputs in their order
@@ -61,6 +64,13 @@ def describe_engines() -> dict[Device, str]:
     return engines
 
 
+def usable_cores() -> int:
+    """Cores that this process may use: its affinity, and its control group's share of the processor's time."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    quota, _, period = (CPU_SHARE.read_text(encoding="utf-8") if CPU_SHARE.is_file() else "max").strip().partition(" ")
+    return cores if quota == "max" else min(cores, max(math.ceil(int(quota) / int(period)), 1))
+
+
 def describe_processor() -> str:
     """The processor's name, and which of its instructions decide how fast networks are."""
     lines = CPUINFO.read_text(encoding="utf-8").splitlines() if CPUINFO.is_file() else []
@@ -82,8 +92,8 @@ def check_engine(engine: Engine) -> None:
         raise ValueError(f"engine.precision: this processor has no {engine.precision}, only {', '.join(precisions)}")
 
 
-def open_onnxruntime(path: Path, engine: Engine = CPU, optimised: bool = True, spins: bool = True) -> Any:
-    """ONNX Runtime's session; without `optimised` it loads faster, and runs slower; `spins`: as in `load_session`.
+def open_onnxruntime(path: Path, engine: Engine = CPU, optimised: bool = True) -> Any:
+    """ONNX Runtime's session; without `optimised` it loads faster, and runs slower.
 
     Raises:
         ValueError: no ONNX model, or a provider that cannot be loaded.
@@ -95,9 +105,8 @@ def open_onnxruntime(path: Path, engine: Engine = CPU, optimised: bool = True, s
     options.log_severity_level = 4  # errors are raised, and need not be printed too
     if not optimised:
         options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_DISABLE_ALL
-    if engine.threads is not None:
-        options.intra_op_num_threads = engine.threads
-    options.add_session_config_entry("session.intra_op.allow_spinning", str(int(spins)))
+    options.intra_op_num_threads = engine.threads or usable_cores()
+    options.add_session_config_entry("session.intra_op.allow_spinning", str(int(engine.spins)))
     _limit_memory()
     options.add_session_config_entry("session.use_env_allocators", "1")
     provider = PROVIDERS.get(engine.device, PROCESSOR)
@@ -179,8 +188,7 @@ def compile_openvino(path: Path, engine: Engine, output_names: Sequence[str]) ->
     """
     core = _openvino_core()
     settings: dict[str, str | int] = {"INFERENCE_PRECISION_HINT": engine.precision, "PERFORMANCE_HINT": "LATENCY"}
-    if engine.threads is not None:
-        settings["INFERENCE_NUM_THREADS"] = engine.threads
+    settings["INFERENCE_NUM_THREADS"] = engine.threads or usable_cores()
     try:
         compiled = core.compile_model(path, "CPU", settings)
     except RuntimeError as error:

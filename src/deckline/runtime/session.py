@@ -56,13 +56,12 @@ class ModelSession:
             raise ValueError(f"{self.path.name} cannot run on inputs {shapes}: {get_line(error)}") from error
 
 
-def load_session(path: Path | str, engine: Engine = CPU, spins: bool = True) -> ModelSession:
+def load_session(path: Path | str, engine: Engine = CPU) -> ModelSession:
     """Open an ONNX file for inference.
 
     Args:
         path: a file exported by `deckline train`, or any other ONNX model.
         engine: what computes it.
-        spins: ONNX Runtime's idle threads spin between operators; faster where nothing else runs.
 
     Raises:
         ValueError: no such file, a file that is no ONNX model, or an engine that this machine has not.
@@ -75,7 +74,7 @@ def load_session(path: Path | str, engine: Engine = CPU, spins: bool = True) -> 
         raise ValueError(f"{path}: a model with loops, which need not end, is not run; export it unrolled")
     check_engine(engine)
     elsewhere = engine.device == "openvino"  # ONNX Runtime then only reads names and metadata
-    session = open_onnxruntime(path, CPU if elsewhere else engine, optimised=not elsewhere, spins=spins)
+    session = open_onnxruntime(path, CPU if elsewhere else engine, optimised=not elsewhere)
     output_names = tuple(value.name for value in session.get_outputs())
     return ModelSession(
         path=path,

@@ -12,6 +12,7 @@ from deckline.cli.run import DEFAULTS, unpack_sample
 from deckline.config import Engine
 from deckline.detect import Detector, OnnxDetector
 from deckline.flight import Flight
+from deckline.live.pipeline import live_config
 from deckline.options import RunOptions
 from deckline.recording import open_recording, select_frames
 from deckline.runtime import describe_processor
@@ -52,7 +53,8 @@ def benchmark(
         whole = measure.measure_file(chosen, flight, folder / "film.mp4")
         again = partial(Flight.from_config, config, dehazer=flight.dehazer, detector=flight.detector)
         run_rate = measure.measure_run(chosen, again(), folder / "run")
-        live, progress = measure.measure_live(chosen, again())
+        sleeping = flight_from_config(live_config(config))
+        live, progress = measure.measure_live(chosen, sleeping)
         passes, notes = _measure_passes(flight.detector, peer, config.engine, folder)
     file_figures, live_figures = whole.figures(), live.figures() | asdict(progress)
     guided = whole.seconds[measure.GUIDANCE]
