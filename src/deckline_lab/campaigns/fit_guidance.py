@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 LEAST_LOOKS = 40  # of a table's cell; with fewer it has those of both groups
 LAGS_S = (0.2, 0.5, 1.0, 2.0)  # at which scores are compared with themselves
 TIMES_S = np.geomspace(0.05, 20.0, 40)  # time constants tried, s
-PRIOR_LOOKS = 2.0  # of all distances, added to the transitions of each
+PRIOR_LOOKS = 2.0  # looks of the prior that is added to those from each status
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,7 @@ class Looks:
     depth: Array
     """(N,) distance in visibilities."""
     condition: NDArray[np.int64]
-    """(N, 3) navigation grade, sea, light."""
+    """(N, 2) navigation grade, sea."""
     status: NDArray[np.int64]
     """(N,) index in `STATUSES`."""
     errors: Array
@@ -60,11 +60,10 @@ def gather(flights: Sequence[tuple[Surroundings, Sequence[Mapping[str, Any]]]]) 
     rows: list[tuple[Any, ...]] = []
     for number, (scene, looks) in enumerate(flights):
         config = scene.config
-        rough, dark = int(config.sea_state >= ROUGH_SEA), int(config.time_of_day != "day")
+        condition = GRADES.index(config.navigation), int(config.sea_state >= ROUGH_SEA)
         for look in looks:
             values = [look["errors"][name] or (None, None, None) for name in QUANTITIES]
             error, sigma, level = (np.array(part, dtype=np.float64) for part in zip(*values, strict=True))
-            condition = (GRADES.index(config.navigation), rough, dark)
             status = STATUSES.index(Status(look["status"]))
             depth = look["range_m"] / config.visibility_m
             rows.append((number, look["time_s"], look["range_m"], depth, condition, status, error, sigma, level))
@@ -173,17 +172,20 @@ def fit_level_spread(looks: Looks, levels: Array) -> float:
 
 
 def fit_transitions(looks: Looks) -> Array:
-    """(2, depths, statuses, statuses) cumulative probabilities of the next status; a flight begins as not seen."""
+    """(grades, depths, statuses, statuses) cumulative probabilities of the next status.
+
+    A flight begins as not seen. Prior: the same of all grades, and of these that any status is followed by what is
+    seen at the distance.
+    """
     size, band = len(STATUSES), np.clip(np.searchsorted(DEPTHS, looks.depth, "right") - 1, 0, None)
-    counts = np.zeros((2, len(DEPTHS), size, size))
+    counts = np.zeros((len(GRADES), len(DEPTHS), size, size))
     is_first = np.diff(looks.flight, prepend=-1) != 0
     before = np.where(is_first, STATUSES.index(Status.NOT_SEEN), np.roll(looks.status, 1))
-    np.add.at(counts, (looks.condition[:, 2], band, before, looks.status), 1.0)
-    pooled = counts.sum(axis=(0, 1)) + 1e-6 * np.eye(size)
-    prior = pooled / pooled.sum(axis=1, keepdims=True)
-    by_depth = counts.sum(axis=0, keepdims=True) + PRIOR_LOOKS * prior
-    by_depth = by_depth / by_depth.sum(axis=3, keepdims=True)
-    chances = counts + PRIOR_LOOKS * by_depth
+    np.add.at(counts, (looks.condition[:, 0], band, before, looks.status), 1.0)
+    seen = counts.sum(axis=(0, 2))
+    seen += 1e-6 * seen.sum(axis=0)  # distances without looks have those of all
+    of_all = counts.sum(axis=0) + PRIOR_LOOKS * (seen / seen.sum(axis=1, keepdims=True))[:, None]
+    chances = counts + PRIOR_LOOKS * of_all / of_all.sum(axis=2, keepdims=True)
     cumulative: Array = np.cumsum(chances / chances.sum(axis=3, keepdims=True), axis=3)
     cumulative[..., -1] = 1.0
     return cumulative

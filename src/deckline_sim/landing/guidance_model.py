@@ -50,7 +50,7 @@ class GuidanceModel:
     level_spread: float
     """1-sigma of the logarithm of a level about its median, one draw a flight."""
     transitions: Array
-    """(lights, depths, statuses, statuses) cumulative over the last axis; lights: day, dusk."""
+    """(grades, depths, statuses, statuses) cumulative over the last axis."""
 
     def __post_init__(self) -> None:
         seen, count = (len(GRADES), 2, 2, len(RANGE_M)), len(QUANTITIES)
@@ -60,7 +60,7 @@ class GuidanceModel:
             "errors": (*seen, count, len(SCORES)),
             "sigmas": (*seen, count),
             "levels": (*seen, len(LEVELS)),
-            "transitions": (2, len(DEPTHS), len(STATUSES), len(STATUSES)),
+            "transitions": (len(GRADES), len(DEPTHS), len(STATUSES), len(STATUSES)),
         }
         for name, shape in shapes.items():
             if getattr(self, name).shape != shape:

@@ -40,7 +40,6 @@ class GuidanceSight:
         self.surroundings = surroundings(config, seed)
         self.model = model or read_guidance_model()
         self.condition = GRADES.index(config.navigation), int(config.sea_state >= ROUGH_SEA)
-        self.light = 0 if config.time_of_day == "day" else 1
         self.rng = np.random.default_rng([seed, ERRORS])
         self.scores: Array = self.rng.standard_normal(len(QUANTITIES))  # independent, each with its time constant
         self.level_factor = exp(self.model.level_spread * self.rng.standard_normal())
@@ -69,7 +68,7 @@ class GuidanceSight:
         passed_s = 1.0 / model.rate_hz if self.time_s is None else time_s - self.time_s
         self.time_s = time_s
         self.owed_s += passed_s * model.rate_hz
-        table = model.transitions[self.light, max(int(np.searchsorted(DEPTHS, depth, "right")) - 1, 0)]
+        table = model.transitions[self.condition[0], max(int(np.searchsorted(DEPTHS, depth, "right")) - 1, 0)]
         while self.owed_s > 0.5:
             self.owed_s -= 1.0
             self.status = int(np.searchsorted(table[self.status], self.rng.random()))

@@ -79,7 +79,7 @@ def guidance_looks(rng: np.random.Generator) -> Looks:
     """Looks of every condition whose errors are normal with 1-sigma 0.5 and new in every look."""
     count, flights = 400, 6
     size = count * flights
-    condition = np.array([(g, s, 0) for g in range(len(GRADES)) for s in range(2)])
+    condition = np.array([(g, s) for g in range(len(GRADES)) for s in range(2)])
     ranges = np.tile(np.linspace(1200.0, 0.0, count), flights)
     status = np.full(size, STATUSES.index(Status.OK))
     errors = 0.5 * rng.standard_normal((size, 7))
@@ -116,7 +116,15 @@ def test_transitions_are_the_shares_of_what_follows() -> None:
     chances = np.diff(fit_transitions(looks), axis=-1, prepend=0.0)
     ok = STATUSES.index(Status.OK)
     np.testing.assert_allclose(chances.sum(axis=-1), 1.0)
-    assert chances[0, : len(DEPTHS), ok, ok] == pytest.approx(1.0)
+    assert chances[..., ok, ok] == pytest.approx(1.0)
+    lost = replace(
+        looks, status=np.where((looks.flight < 2) & (looks.depth > 1.0), STATUSES.index(Status.NOT_SEEN), ok)
+    )
+    chances = np.diff(fit_transitions(lost), axis=-1, prepend=0.0)
+    far, near = (int(np.searchsorted(DEPTHS, depth, "right")) - 1 for depth in (1.1, 0.4))
+    unseen = STATUSES.index(Status.NOT_SEEN)
+    assert chances[0, far, unseen, unseen] > 0.95  # of the first grade's two flights
+    assert chances[0, near, unseen, ok] > 0.95  # as whatever is seen there
 
 
 def test_looks_survive_their_file(tmp_path: Path) -> None:
