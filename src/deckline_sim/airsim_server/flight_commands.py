@@ -11,21 +11,22 @@ from typing import Any
 import numpy as np
 
 from deckline.adapters.airsim.protocol import quote, read_flag, read_number, read_vector
-from deckline_sim.airsim_server.kinematics import NO_TURN, Vector, Yaw, braking_speed, limit, towards, wrap
-from deckline_sim.airsim_server.path import Path
+from deckline.geometry import attitude
+from deckline_sim.airsim_server.kinematics import Vector, Yaw, lean_of, towards, wrap
+from deckline_sim.airsim_server.path import ARRIVED_M, follow
 from deckline_sim.airsim_server.service import Service
 from deckline_sim.airsim_server.structs import read_geo, vector_struct
-from deckline_sim.airsim_server.vehicle import Vehicle, VehicleCommand
+from deckline_sim.airsim_server.vehicle import DRAG_PER_S, FOLLOW_PER_S, Vehicle, VehicleCommand
 from deckline_sim.airsim_server.world import World
 
 TICK_S = 0.02  # of the wall clock: between two checks of a running command
 LONG_S = 3e38  # AirSim's endless timeout
-ARRIVED_M, STOPPED_M_S = 0.2, 0.1
+STOPPED_M_S = 0.1
 TAKEOFF_M, TAKEOFF_M_S = 3.0, 1.0
 HOME_M_S = 5.0
 LANDING_PER_S, LANDING_M_S = 0.3, (0.5, 5.0)  # speed of descent for each metre of height; least and most
-LOOKAHEAD_S, LEAST_LOOKAHEAD_M = 0.6, 0.75  # on a path, in time at the wanted speed: AirSim's own
 TURNED_RAD_S = 0.01  # a slower turn has ended
+MOST_LEAN_DEG = 25.0  # commanded: 4.6 m/s^2 of the vehicle's largest acceleration
 MAX_POINTS, MOST_M, MOST_M_S, MOST_DEG = 10_000, 1e6, 1e4, 1e6
 FORWARD_ONLY = 1  # of AirSim's DrivetrainType: the nose to the direction of flight
 
@@ -161,6 +162,35 @@ async def move_by_velocity(
     return await fly(service.world, make)
 
 
+async def move_by_attitude(
+    service: Service,
+    roll: float,
+    pitch: float,
+    yaw: float,
+    z: float,
+    duration: float,
+    vehicle: str = "",
+    *,
+    by_rate: bool = False,
+) -> bool:
+    """Lean by roll and pitch, rad, at a height, world z, for a duration. `yaw`: heading, rad; `by_rate`: rad/s."""
+    named = (("roll", roll), ("pitch", pitch), ("yaw", yaw))
+    roll, pitch, yaw = (read_number(value, name, -MOST_DEG, MOST_DEG) for name, value in named)
+    lean_deg = math.degrees(math.acos(math.cos(roll) * math.cos(pitch)))
+    if lean_deg > MOST_LEAN_DEG:
+        raise ValueError(
+            f"roll and pitch lean it by {lean_deg:.1f} deg: the vehicle leans by {MOST_LEAN_DEG:g} at most"
+        )
+    z, turn, duration = read_number(z, "z", -MOST_M, MOST_M), Yaw(by_rate, yaw), read_timeout(duration)
+
+    def steer(body: Vehicle) -> Vector:
+        drag = DRAG_PER_S * (body.velocity - body.wind)[:2]
+        across = body.velocity[:2] + (lean_of(attitude(roll, pitch, body.yaw)) - drag) / FOLLOW_PER_S
+        return np.array([*across, towards(np.array([0.0, 0.0, z - body.position[2]]), MOST_M_S)[2]])
+
+    return await fly(service.world, lambda body: VehicleCommand(steer, lambda body: False, turn, duration, timed=True))
+
+
 async def rotate_to_yaw(
     service: Service, yaw: float, timeout: float = LONG_S, margin: float = 5.0, vehicle: str = ""
 ) -> bool:
@@ -200,30 +230,6 @@ def hold(body: Vehicle) -> Callable[[Vehicle], Vector]:
     return lambda body: towards(place - body.position, MOST_M_S)
 
 
-def follow(
-    body: Vehicle, points: list[Vector], speed: float, timeout_s: float, yaw: Yaw = NO_TURN, lookahead_m: float = -1.0
-) -> VehicleCommand:
-    """Fly along straight lines through points (3,), steering to a point `lookahead_m` ahead on them; -1: AirSim's."""
-    path = Path([body.position, *points])
-    ahead = lookahead_m if lookahead_m > 0.0 else max(LOOKAHEAD_S * speed, LEAST_LOOKAHEAD_M)
-    done_m = 0.0  # way along the path
-
-    def steer(body: Vehicle) -> Vector:
-        nonlocal done_m
-        off_m = float(np.linalg.norm(body.position - path.point_at(done_m)))  # cross-track error: adds to the lookahead
-        done_m = path.nearest_way(body.position, done_m, done_m + ahead + off_m)
-        if done_m + ahead >= path.length_m:
-            return towards(path.end - body.position, speed)
-        off_m = float(np.linalg.norm(body.position - path.point_at(done_m)))
-        aim = limit(path.point_at(done_m + ahead + off_m) - body.position, 1.0)
-        return aim * min(speed, braking_speed(path.length_m - done_m))
-
-    def is_done(body: Vehicle) -> bool:
-        return done_m + ahead >= path.length_m and float(np.linalg.norm(path.end - body.position)) <= ARRIVED_M
-
-    return VehicleCommand(steer, is_done, yaw, timeout_s)
-
-
 def read_timeout(value: Any) -> float:
     return read_number(value, "timeout or duration", -math.inf, math.inf)
 
@@ -249,6 +255,8 @@ FLIGHT: dict[str, Callable[..., Any]] = {
     "moveByVelocityZ": partial(move_by_velocity, at_z=True),
     "moveByVelocityBodyFrame": partial(move_by_velocity, in_body=True),
     "moveByVelocityZBodyFrame": partial(move_by_velocity, in_body=True, at_z=True),
+    "moveByRollPitchYawZ": move_by_attitude,
+    "moveByRollPitchYawrateZ": partial(move_by_attitude, by_rate=True),
     "rotateToYaw": rotate_to_yaw,
     "rotateByYawRate": rotate_by_yaw_rate,
 }

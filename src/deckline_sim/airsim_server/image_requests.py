@@ -17,7 +17,15 @@ from deckline.recording import RecordingWriter
 from deckline.recording.images import encode_image
 from deckline.types import Frame
 from deckline_sim.airsim_server.objects import segmentation
-from deckline_sim.airsim_server.settings import DEPTH_VIS, PERSPECTIVE, PLANAR, SCENE, SEGMENTATION, AirSimSettings
+from deckline_sim.airsim_server.settings import (
+    DEPTH_VIS,
+    NORMALS,
+    PERSPECTIVE,
+    PLANAR,
+    SCENE,
+    SEGMENTATION,
+    AirSimSettings,
+)
 from deckline_sim.airsim_server.structs import Struct, pose_struct
 from deckline_sim.airsim_server.world import World
 
@@ -26,8 +34,13 @@ VIS_M = 100.0  # depth that DepthVis shows white
 MAX_IMAGES, MAX_PIXELS = 64, 17_000_000  # of one call: one of 4096x4096; as floats 85 MB on the wire
 RECORDING_BYTES = 20 << 30  # of one recording, which continues after its client has left
 FREE_BYTES = 1 << 30  # that a recording leaves on the disk
-TYPES = {SCENE: "Scene", PLANAR: "DepthPlanar", PERSPECTIVE: "DepthPerspective", DEPTH_VIS: "DepthVis"} | {
-    SEGMENTATION: "Segmentation"
+TYPES = {
+    SCENE: "Scene",
+    PLANAR: "DepthPlanar",
+    PERSPECTIVE: "DepthPerspective",
+    DEPTH_VIS: "DepthVis",
+    SEGMENTATION: "Segmentation",
+    NORMALS: "SurfaceNormals",
 }
 FLOATS = (PLANAR, PERSPECTIVE, DEPTH_VIS)
 SAME_POSE = 1e-9  # a larger change of any number of a pose is a move
@@ -66,7 +79,7 @@ def read_image_type(value: Any) -> int:
     """One of the types that are drawn; all else is a ValueError."""
     if isinstance(value, bool) or not isinstance(value, int) or value not in TYPES:
         there = ", ".join(f"{name} ({number})" for number, name in TYPES.items())
-        raise ValueError(f"no image type {str(value)[:20]}; there are {there}")
+        raise ValueError(f"image type {str(value)[:20]} is not supported; there are {there}")
     return value
 
 
@@ -90,6 +103,8 @@ def get_images(world: World, requests: Sequence[ImageRequest]) -> list[Struct]:
         arguments = (request.camera, request.image_type, state, time_s)
         if request.image_type == SEGMENTATION:
             data = _image_data(segmentation(world, *arguments), request.compress)
+        elif request.image_type == NORMALS:
+            data = _image_data(world.normals(*arguments), request.compress)
         else:
             if view in scenes and view not in frames:
                 frames[view] = world.picture(*arguments)

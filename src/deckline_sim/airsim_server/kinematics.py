@@ -15,6 +15,7 @@ VELOCITY_S, YAW_RATE_S, LEAN_S = 0.3, 0.2, 0.2  # time constants
 POSITION_PER_S = 1.0 / (4.0 * VELOCITY_S)  # wanted speed for each metre of distance: critically damped
 BRAKING_M_S2 = 3.0  # planned for, so that some acceleration is left
 GRAVITY_M_S2 = 9.80665
+LEAST_DOWN = 0.3  # of the body's down axis along the world's: a lean of 73 deg
 
 Vector = NDArray[np.float64]
 
@@ -89,7 +90,17 @@ def attitude_of(yaw_rad: float, lean_m_s2: Vector) -> Rotation:
     """world_from_body whose thrust holds the weight and gives a horizontal acceleration (2,), nose to the heading."""
     down = np.array([-lean_m_s2[0], -lean_m_s2[1], GRAVITY_M_S2])
     down /= np.linalg.norm(down)
-    nose = np.array([math.cos(yaw_rad), math.sin(yaw_rad), 0.0])
-    nose -= down * (nose @ down)
+    level = np.array([math.cos(yaw_rad), math.sin(yaw_rad)])
+    nose = np.array([*level, -(level @ down[:2]) / down[2]])
     nose /= np.linalg.norm(nose)
     return Rotation.from_matrix(np.column_stack([nose, np.cross(down, nose), down]))
+
+
+def lean_of(attitude: Rotation) -> Vector:
+    """The horizontal acceleration (2,) of a thrust that holds the weight: the inverse of `attitude_of`.
+
+    Zero for attitudes on the side and upside down, whose thrust cannot hold it.
+    """
+    down = attitude.apply([0.0, 0.0, 1.0])
+    lean: Vector = -GRAVITY_M_S2 * down[:2] / down[2] if down[2] > LEAST_DOWN else np.zeros(2)
+    return lean

@@ -30,11 +30,21 @@ from deckline_sim.airsim_server.structs import (
 
 SERVER_VERSION = 4  # cosysairsim 3.5 asks for 4; classic airsim for 1
 OLDEST_CLIENT = 1
-WEATHER = {0: "rain", 1: "wet", 7: "fog"}  # AirSim's WeatherParameter, those that have an effect
-ENABLED = 8
+WEATHER_PARAMETERS = ("Rain", "Roadwetness", "Snow", "RoadSnow", "MapleLeaf", "RoadLeaf", "Dust", "Fog", "Enabled")
+WEATHER = {"Rain": "rain", "Roadwetness": "wet", "Fog": "fog"}  # those that are drawn, by their name in the state
 PAUSE_POLL_S = 0.005
 MOST_WIND_M_S = 100.0
-WITHOUT_EFFECT = {2: "Snow", 3: "RoadSnow", 4: "MapleLeaf", 5: "RoadLeaf", 6: "Dust"}
+NO_ROTORS = "the vehicle is kinematic, without thrust or rotors; moveByRollPitchYawZ leans it at a held height"
+NO_LIDAR = "the vehicle has no lidar; DepthPerspective of simGetImages has the ranges of a camera's rays"
+OWN_OBJECTS = "the scene's objects are the ship's own, which simListSceneObjects lists"
+UNSUPPORTED = {  # AirSim's calls that have no counterpart here, and why
+    **dict.fromkeys(("moveByRollPitchYawThrottle", "moveByRollPitchYawrateThrottle"), NO_ROTORS),
+    **dict.fromkeys(("moveByAngleRatesZ", "moveByAngleRatesThrottle", "moveByMotorPWMs", "getRotorStates"), NO_ROTORS),
+    **dict.fromkeys(("moveByManual", "moveByRC"), "there is no remote control; moveByVelocity flies by velocities"),
+    **dict.fromkeys(("getLidarData", "getGPULidarData", "simSetLidarPose", "simSetGPULidarPose"), NO_LIDAR),
+    **dict.fromkeys(("simSpawnObject", "simDestroyObject", "simSetObjectPose", "simSetObjectScale"), OWN_OBJECTS),
+    "simAddVehicle": "one vehicle is simulated",
+}
 
 
 def enable_api_control(service: Service, enabled: bool, vehicle: str = "") -> None:
@@ -128,20 +138,18 @@ def set_camera_fov(service: Service, camera: Any, fov_deg: float, vehicle: str =
 
 
 def set_weather(service: Service, parameter: int, value: float) -> None:
-    """Fog, rain and wetness, 0..1.
-
-    Raises:
-        ValueError: weather that this simulator does not have, unless it is switched off.
-    """
+    """Fog, rain and wetness, 0..1; a ValueError names a parameter that is not drawn."""
     value = read_number(value, "weather intensity", 0.0, 1.0)
-    if isinstance(parameter, bool) or not isinstance(parameter, int) or not 0 <= parameter <= ENABLED:
-        raise ValueError(f"a weather parameter is a number between 0 and {ENABLED}, got {parameter!r:.40}")
-    if parameter in WEATHER:
-        service.world.change(**{WEATHER[parameter]: value})
-    elif parameter == ENABLED:
+    if isinstance(parameter, bool) or not isinstance(parameter, int) or not 0 <= parameter < len(WEATHER_PARAMETERS):
+        last = len(WEATHER_PARAMETERS) - 1
+        raise ValueError(f"a weather parameter is a number between 0 and {last}, got {parameter!r:.40}")
+    name = WEATHER_PARAMETERS[parameter]
+    if name == "Enabled":
         service.world.change(weather=value > 0.0)
-    elif value > 0.0:
-        raise ValueError(f"there is no weather {WITHOUT_EFFECT[parameter]} here: only Rain, Roadwetness and Fog")
+    elif name in WEATHER:
+        service.world.change(**{WEATHER[name]: value})
+    else:
+        raise ValueError(f"{name} ({parameter}) is not supported; {', '.join(WEATHER)} are")
 
 
 def set_time_of_day(
@@ -157,7 +165,8 @@ def set_time_of_day(
     if not read_flag(enabled, "is_enabled"):
         service.world.change(solar_clock=None)
         return
-    date = datetime.now() if start == "" else read_time(start)
+    daylight_saving = read_flag(daylight_saving, "is_start_datetime_dst")
+    date = datetime.now() if start == "" else read_time(start, daylight_saving)
     speed = read_number(speed, "celestial_clock_speed", 0.0, 1e6) if move_sun else 0.0
     step_s = read_number(step_s, "update_interval_secs", 1e-3, 1e6)
     service.world.change(solar_clock=SolarClock(date, service.world.clock.seconds(), speed, step_s))
@@ -208,7 +217,9 @@ def is_flight(method: str) -> bool:
 
 
 async def call_method(service: Service, method: str, params: tuple[Any, ...]) -> Any:
-    """The result of a call; a ValueError for an unknown method or vehicle and for wrong parameters."""
+    """The result of a call; a ValueError for a method or vehicle that is not here, and for wrong parameters."""
+    if method in UNSUPPORTED:
+        raise ValueError(f"{method} is not supported: {UNSUPPORTED[method]}")
     if method not in METHODS:
         near = ", ".join(get_close_matches(method[:80], METHODS)) or "none is like it"
         raise ValueError(f"no method {method!r:.80} here ({near}); docs/airsim.md lists the {len(METHODS)} there are")

@@ -14,7 +14,7 @@ from deckline.files import MOST_CONFIG_BYTES, parse_plain, read_regular
 from deckline.geometry import attitude
 
 VEHICLE = "SimpleFlight"  # AirSim's own name of a multirotor that settings.json does not name
-SCENE, PLANAR, PERSPECTIVE, DEPTH_VIS, SEGMENTATION = 0, 1, 2, 3, 5  # image types
+SCENE, PLANAR, PERSPECTIVE, DEPTH_VIS, SEGMENTATION, NORMALS = 0, 1, 2, 3, 5, 6  # image types
 ALL_TYPES = -1
 MAX_PX = 4096  # of a picture's sides
 MIN_INTERVAL_S = 0.01

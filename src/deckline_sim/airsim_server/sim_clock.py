@@ -15,6 +15,7 @@ from deckline_sim.scene.weather import DUSK_DEG, ELEVATION_DEG
 TILT_DEG = 23.45  # of the Earth's axis
 DARK_DEG = -6.0  # the sun's elevation at the end of civil twilight: below it, the moon is opposite the sun
 FORMAT = "%Y-%m-%d %H:%M:%S"  # AirSim's
+SUMMER_TIME = timedelta(hours=1)  # ahead of the solar time
 
 
 class SimClock:
@@ -72,11 +73,11 @@ class SolarClock:
             raise ValueError(f"a clock {self.speed:g} times as fast has left the calendar: set it anew") from None
 
 
-def read_time(text: object) -> datetime:
-    """'2026-02-12 15:20:00' as AirSim writes it; anything else is a ValueError."""
+def read_time(text: object, daylight_saving: bool = False) -> datetime:
+    """Solar time of '2026-02-12 15:20:00' as AirSim writes it, or of summer time; anything else is a ValueError."""
     try:
-        return datetime.strptime(str(text), FORMAT)
-    except ValueError:
+        return datetime.strptime(str(text), FORMAT) - SUMMER_TIME * daylight_saving
+    except (ValueError, OverflowError):
         raise ValueError(f"a date and time is written like 2026-02-12 15:20:00, got {text!r:.40}") from None
 
 

@@ -16,7 +16,6 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline_sim.airsim_server.kinematics import (
     BRAKING_M_S2,
-    GRAVITY_M_S2,
     LEAN_S,
     NO_TURN,
     VELOCITY_S,
@@ -27,6 +26,7 @@ from deckline_sim.airsim_server.kinematics import (
     VehicleMotion,
     Yaw,
     attitude_of,
+    lean_of,
     limit,
     towards,
     wrap,
@@ -34,6 +34,7 @@ from deckline_sim.airsim_server.kinematics import (
 from deckline_sim.airsim_server.sim_clock import SimClock
 
 STEP_S = 0.02  # AirSim commands its vehicles as often
+FOLLOW_PER_S = -math.expm1(-STEP_S / VELOCITY_S) / STEP_S  # acceleration for each m/s that the velocity is wrong by
 MAX_AIRSPEED_M_S = 80.0
 MAX_ACCELERATION_M_S2 = 5.0
 MAX_YAW_RATE_RAD_S = math.radians(90.0)
@@ -162,9 +163,9 @@ class Vehicle:
 
     def _turn_to(self, attitude: Rotation) -> None:
         """Heading and lean of an attitude, at rest."""
-        nose, down = attitude.apply([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+        nose = attitude.apply([1.0, 0.0, 0.0])
         self.yaw, self.yaw_rate = math.atan2(nose[1], nose[0]), 0.0
-        self._lean = -GRAVITY_M_S2 * down[:2] / down[2] if down[2] > 0.3 else np.zeros(2)
+        self._lean = lean_of(attitude)
         self._before = (self.yaw, self._lean)  # a step ago
 
     def _finish(self, result: bool) -> None:
@@ -198,7 +199,7 @@ class Vehicle:
 
     def _fly(self, wanted: Vector, yaw: Yaw) -> None:
         air = limit(wanted - self.wind, MAX_AIRSPEED_M_S)
-        follow = (air + self.wind - self.velocity) * (-math.expm1(-STEP_S / VELOCITY_S) / STEP_S)
+        follow = (air + self.wind - self.velocity) * FOLLOW_PER_S
         self._acceleration = limit(follow, MAX_ACCELERATION_M_S2)
         self._before = (self.yaw, self._lean)
         self.position = self.position + self.velocity * STEP_S + self._acceleration * (STEP_S**2 / 2)

@@ -19,6 +19,7 @@ from deckline.types import Frame
 from deckline_sim.airsim_server.kinematics import Ground
 from deckline_sim.airsim_server.settings import SEGMENTATION, AirSimSettings
 from deckline_sim.airsim_server.sim_clock import SimClock, SolarClock, light_at
+from deckline_sim.airsim_server.surface_normals import draw_normals, surface_normals
 from deckline_sim.airsim_server.vehicle import Vehicle
 from deckline_sim.camera.lens import random_lens
 from deckline_sim.camera.measure import measure_depth
@@ -176,10 +177,18 @@ class World:
 
     def labels(self, name: str, image_type: int, state: WorldState, time_s: float) -> NDArray[np.uint8]:
         """What a camera's pixels (H, W) show, as `Label`, without distortion; errors as `picture`."""
+        return self._simulator.renderer.labels(self._pinhole(name, image_type, state, time_s))
+
+    def normals(self, name: str, image_type: int, state: WorldState, time_s: float) -> NDArray[np.uint8]:
+        """AirSim's picture (H, W, 3) of a camera's surface normals, without distortion; errors as `picture`."""
+        scene = self._pinhole(name, image_type, state, time_s)
+        normals = surface_normals(self._simulator.renderer.depth(scene), scene.camera)
+        return draw_normals(normals, scene.world_from_camera.rotation)
+
+    def _pinhole(self, name: str, image_type: int, state: WorldState, time_s: float) -> RenderScene:
         view, weather, _, _ = self._view(name, image_type, state, time_s)
-        camera = self.camera(name, image_type, state)
-        pose, ship = view.world_from_camera, self.ship_pose(time_s)
-        return self._simulator.renderer.labels(RenderScene(camera, pose, weather, time_s, world_from_ship=ship))
+        camera, ship = self.camera(name, image_type, state), self.ship_pose(time_s)
+        return RenderScene(camera, view.world_from_camera, weather, time_s, world_from_ship=ship)
 
     def _view(
         self, name: str, image_type: int, state: WorldState, time_s: float

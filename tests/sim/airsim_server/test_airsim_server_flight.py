@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
 
-from deckline_sim.airsim_server.flight_commands import climb, follow, hold
+from deckline_sim.airsim_server.flight_commands import climb, hold
 from deckline_sim.airsim_server.kinematics import GRAVITY_M_S2, NO_TURN, VELOCITY_S, Ground, Yaw, attitude_of
+from deckline_sim.airsim_server.path import ARRIVED_M, follow
 from deckline_sim.airsim_server.sim_clock import SimClock
 from deckline_sim.airsim_server.vehicle import GEAR_M, MAX_ACCELERATION_M_S2, MAX_AIRSPEED_M_S, Vehicle, VehicleCommand
 
@@ -110,6 +111,49 @@ def test_a_path_is_flown_at_its_speed_without_overshoot_within_the_limits(bench)
     settled = bench.fly(10.0)
     np.testing.assert_allclose(settled.pose.translation, goal, atol=0.25)
     assert np.linalg.norm(settled.velocity) < 1e-3
+
+
+SHARP_PATHS = {  # corners, m north and east of the start
+    "triangle": [(0, 10), (10, 10), (0, 0)],
+    "back on itself": [(20, 0), (5, 0)],
+    "to and fro": [(3, 0), (0, 0)] * 4,
+    "zigzag": [(10, 2), (0, 4), (10, 6), (0, 8)],
+    "hairpins": [(30, 0), (30, 1), (0, 1), (0, 2), (30, 2)],
+    "repeated": [(10, 0), (10, 0), (10, 10), (10, 10), (0, 0), (0, 0)],
+    "where it is": [(0, 0), (0, 0)],
+    "one": [(7, 0)],
+}
+
+
+@pytest.mark.parametrize("speed", [0.5, 2.0, 5.0, 20.0])
+@pytest.mark.parametrize("corners", SHARP_PATHS.values(), ids=SHARP_PATHS)
+def test_a_path_ends_at_its_last_point_and_reaches_the_corners_that_turn_back(bench, corners, speed):
+    start = bench.vehicle.read().pose.translation
+    points = start + np.pad(np.array(corners, dtype=float), ((0, 0), (0, 1)))
+    legs = np.diff([start, *points], axis=0)
+    way_s = np.linalg.norm(legs, axis=1).sum() / speed
+    result, motions = bench.run(lambda body: follow(body, list(points), speed, math.inf), way_s + 6.0 * len(corners))
+    assert result is True
+    flown = np.array([motion.pose.translation for motion in motions])
+    assert np.linalg.norm(flown[-1] - points[-1]) <= ARRIVED_M
+    for before, after, corner in zip(legs, legs[1:], points, strict=False):
+        if before @ after < -0.2 * np.linalg.norm(before) * np.linalg.norm(after):
+            assert np.linalg.norm(flown - corner, axis=1).min() <= 1.5 * ARRIVED_M  # read every 0.1 s
+
+
+@pytest.mark.parametrize("lookahead_m", [0.05, 50.0])
+def test_a_path_ends_in_wind_whatever_its_lookahead(bench, lookahead_m):
+    start = bench.vehicle.read().pose.translation
+    points = [start + offset for offset in ([0.0, 40.0, 0.0], [40.0, 40.0, -5.0], [0.0, 1.0, 0.0])]
+    bench.vehicle.set_wind(np.array([15.0, -15.0, 0.0]))
+    result, motions = bench.run(lambda body: follow(body, points, 5.0, math.inf, NO_TURN, lookahead_m), 60.0)
+    assert result is True and np.linalg.norm(motions[-1].pose.translation - points[-1]) <= ARRIVED_M
+
+
+def test_a_slow_path_is_flown_at_its_speed(bench):
+    goal = np.array([-490.0, 0.0, -30.0])
+    _, motions = bench.run(lambda body: follow(body, [goal], 0.5, math.inf))
+    assert np.linalg.norm(motions[50].velocity) == pytest.approx(0.5, rel=0.01)
 
 
 def test_a_new_command_a_cancel_and_a_pose_end_the_old_one_as_failed(bench):

@@ -156,9 +156,14 @@ def ask_for(client, method):
         (lambda c: c.client.call("ping", 1, 2), "ping: 2"),
         (lambda c: c.client.call("simSetVehiclePose", {}, True), "simSetVehiclePose: pose: position.*x_val.*None"),
         (lambda c: c.simSetWeatherParameter(7, 2.0), "weather intensity.*0 and 1.*2"),
-        (lambda c: c.simSetWeatherParameter(2, 0.5), "Snow.*Fog"),
-        (lambda c: c.simGetImage("0", 6), r"6.*Scene \(0\)"),
-        *((partial(ask_for, method=name), name) for name in UNSUPPORTED),
+        (lambda c: c.simSetWeatherParameter(airsim.WeatherParameter.Snow, 0.5), r"Snow \(2\).*Fog"),
+        (lambda c: c.simSetWeatherParameter(airsim.WeatherParameter.Dust, 0.5), r"Dust \(6\)"),
+        (lambda c: c.simSetWeatherParameter(9, 0.5), "0 and 8.*9"),
+        (lambda c: c.getLidarData(), "getLidarData is not supported"),
+        (
+            lambda c: c.simSpawnObject("Cube", "Cube", airsim.Pose(), airsim.Vector3r()),
+            "simSpawnObject is not supported",
+        ),
         (lambda c: c.simSetTimeOfDay(True, "noon"), "noon"),
         (lambda c: c.simSetVehiclePose(airsim.Pose(airsim.Vector3r(1e7, 0, 0)), True), r"position.*1e\+06"),
     ],
@@ -166,6 +171,22 @@ def ask_for(client, method):
 def test_wrong_calls_get_an_error_and_the_next_one_an_answer(client, call, says):
     with pytest.raises(Exception, match=says):
         call(client)
+    assert client.ping() is True
+
+
+@pytest.mark.parametrize(
+    ("call", "name"),
+    [
+        (lambda c: c.moveByManualAsync(1, 1, -10, 1), "moveByManual"),
+        (lambda c: c.moveByRollPitchYawThrottleAsync(0, 0, 0, 1, 1), "moveByRollPitchYawThrottle"),
+        (lambda c: c.moveByAngleRatesZAsync(0, 0, 0, -9, 1), "moveByAngleRatesZ"),
+    ],
+)
+def test_refused_flight_commands_name_themselves_at_once_and_after_join(client, call, name):
+    with pytest.raises(Exception, match=f"{name} is not supported"):
+        call(client).get()
+    with pytest.raises(Exception, match=f"{name} is not supported"):
+        client.ping()
     assert client.ping() is True
 
 

@@ -70,5 +70,6 @@ def test_the_clock_moves_the_sun_in_steps():
 
 def test_dates_are_written_as_airsim_does():
     assert read_time("2018-02-12 15:20:00") == datetime(2018, 2, 12, 15, 20)
+    assert read_time("2018-07-12 00:20:00", daylight_saving=True) == datetime(2018, 7, 11, 23, 20)
     with pytest.raises(ValueError, match=r"2026-02-12 15:20:00.*noon"):
         read_time("noon")

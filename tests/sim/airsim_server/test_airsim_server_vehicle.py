@@ -7,6 +7,7 @@ import time
 import numpy as np
 import pytest
 from airsim_serving import CONFIG, HEIGHT, WIDTH, ask, connect, open_client, run_server
+from scipy.spatial.transform import Rotation
 
 from deckline.adapters.airsim.protocol import encode_request
 from deckline_sim.airsim_server.objects import PALETTE
@@ -83,6 +84,33 @@ def test_velocities_are_in_the_world_or_the_body(pilot):
     assert pilot.moveToZAsync(-90, 1, timeout_sec=2).get() is False
     assert pilot.rotateByYawRateAsync(30, 1).get() is True
     assert np.linalg.norm(place(pilot)[:2] - start[:2]) < 4.0
+
+
+def test_a_sharp_path_joins(pilot):
+    corners = [[500.0, 10.0, -50.0], [510.0, 10.0, -50.0], [500.0, 0.0, -50.0]]
+    put(pilot, *corners[-1])
+    assert pilot.moveOnPathAsync([airsim.Vector3r(*corner) for corner in corners], 2).get() is True
+    np.testing.assert_allclose(place(pilot), corners[-1], atol=0.3)
+
+
+def test_an_attitude_leans_and_accelerates_at_its_height(pilot):
+    put(pilot, 500.0, 0.0, -50.0)
+    pilot.simPause(True)
+    roll, pitch, seconds = math.radians(10.0), math.radians(8.0), 4.0  # to the right, and nose down
+    lean = pilot.moveByRollPitchYawZAsync(roll, pitch, 0.0, -48.0, 30.0)
+    pilot.ping()
+    pilot.simContinueForTime(seconds)
+    state = pilot.getMultirotorState().kinematics_estimated
+    turn = Rotation.from_quat(list(state.orientation))
+    np.testing.assert_allclose(turn.as_euler("ZYX"), [0.0, -pitch, roll], atol=1e-3)
+    across = 9.80665 * seconds * np.array([math.tan(pitch), math.tan(roll) / math.cos(pitch)])
+    np.testing.assert_allclose([state.linear_velocity.x_val, state.linear_velocity.y_val], across, rtol=0.05)  # drag
+    assert state.position.z_val == pytest.approx(-48.0, abs=0.05)
+    pilot.simPause(False)
+    pilot.cancelLastTask()
+    assert lean.get() is False
+    with pytest.raises(Exception, match=r"40\.0 deg.*25"):
+        pilot.moveByRollPitchYawrateZAsync(math.radians(40.0), 0.0, 0.0, -50.0, 1.0).get()
 
 
 def test_other_calls_are_answered_in_flight_and_a_new_command_cancels(pilot):
