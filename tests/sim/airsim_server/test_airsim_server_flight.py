@@ -72,31 +72,6 @@ def test_velocity_follows_with_the_stated_time_constant(bench):
         assert moved.velocity[0] == pytest.approx(1.0 - math.exp(-seconds / VELOCITY_S), abs=0.02)
 
 
-SHARP = {
-    "a triangle": [(10, 0), (10, 10), (0, 0)],
-    "there and back": [(10, 0), (0, 0)],
-    "there and back twice": [(10, 0), (0, 0), (10, 0), (0, 0)],
-    "a zigzag": [(10, 0), (1, 1), (10, 2), (1, 3), (10, 4)],
-    "points that repeat": [(5, 0), (5, 0), (5, 0), (5, 8), (5, 8)],
-    "where it is": [(0, 0)],
-    "corners nearer than the lookahead": [(1, 0), (0, 0), (1, 0), (0, 0)],
-}
-
-
-@pytest.mark.parametrize("speed", [1.0, 5.0])
-@pytest.mark.parametrize("corners", SHARP.values(), ids=SHARP)
-def test_a_path_with_sharp_corners_ends(bench, corners, speed):
-    start = bench.vehicle.read().pose.translation
-    points = [start + np.array([x, y, 0.0]) for x, y in corners]
-    length_m = np.linalg.norm(np.diff([start, *points], axis=0), axis=1).sum()
-    result, motions = bench.run(lambda body: follow(body, points, speed, 1000.0), most_s=20.0 + 3 * length_m / speed)
-    assert result is True
-    np.testing.assert_allclose(motions[-1].pose.translation, points[-1], atol=0.21)
-    if speed == 1.0:  # lookahead of 0.75 m: corners are cut by no more
-        flown = np.array([motion.pose.translation for motion in motions])
-        assert all(np.linalg.norm(flown - point, axis=1).min() < 1.0 for point in points)
-
-
 def test_a_path_is_flown_at_its_speed_without_overshoot_within_the_limits(bench):
     goal = np.array([300.0, 100.0, -60.0])
     result, motions = bench.run(lambda body: follow(body, [goal], 20.0, 100.0))

@@ -1,5 +1,4 @@
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
@@ -137,13 +136,6 @@ def test_fog_and_night_are_those_of_the_simulator(client):
     client.simSetTimeOfDay(False)
     (day,) = client.simGetImages([raw()])
     np.testing.assert_array_equal(bytes_of(day), bytes_of(clear))
-
-
-UNSUPPORTED = ("getLidarData", "simSpawnObject")
-
-
-def ask_for(client, method):
-    client.client.call(method)
 
 
 @pytest.mark.parametrize(
