@@ -7,8 +7,8 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-import stand_in
-from stand_in import STORE, LifecycleNode
+import ros_stand_in
+from ros_stand_in import STORE, LifecycleNode
 
 from approach_scene import CAMERA, HEIGHT_M, LATERAL_M, LEFT, RIGHT, chain, frame
 from deckline.adapters.ros.encode import Encoder
@@ -91,7 +91,7 @@ class Robot:
 
 @pytest.fixture
 def ros(monkeypatch, tmp_path):
-    stand_in.install(monkeypatch)
+    ros_stand_in.install(monkeypatch)
     monkeypatch.setitem(DETECTORS, "classical", lambda engine: ClassicalDetector())  # finds lines in drawings
     (tmp_path / "deck.toml").write_text('[models]\ndehazer = "none"\ndetector = "classical"\n')
     stated = {"config": str(tmp_path / "deck.toml"), "deck_z_m": -20.0, "stale_s": 20.0}
@@ -192,7 +192,7 @@ def test_parameters_are_typed_and_described(ros):
     for name, one in described.items():
         default, kind, _ = ros.PARAMETERS[name]
         assert one.name == name and one.description
-        assert type(default) is stand_in.PARAMETER_TYPES[one.type] and one.type == kind
+        assert type(default) is ros_stand_in.PARAMETER_TYPES[one.type] and one.type == kind
     (bounds,) = described["stale_s"].floating_point_range
     assert bounds.from_value < ros.PARAMETERS["stale_s"][0] < bounds.to_value
 

@@ -5,10 +5,10 @@ import runpy
 import sys
 
 import pytest
+import ros_stand_in
 import setuptools
-import stand_in
 from catkin_pkg.package import parse_package
-from stand_in import ROS2
+from ros_stand_in import ROS2
 
 from deckline import __version__
 
@@ -58,7 +58,7 @@ def test_setup_installs_what_is_there(monkeypatch):
 
 
 def test_the_launch_file_starts_the_node_with_its_parameters(monkeypatch):
-    stand_in.install(monkeypatch)
+    ros_stand_in.install(monkeypatch)
     import deckline_ros.node as node
 
     launched = runpy.run_path(str(NODE / "launch" / "deckline.launch.py"))
@@ -66,7 +66,7 @@ def test_the_launch_file_starts_the_node_with_its_parameters(monkeypatch):
     assert (started.package, started.executable) == ("deckline_ros", "deckline_node")
     (stated,) = started.parameters
     kinds = {name: value.value_type for name, value in stated.items()}
-    assert kinds == {name: stand_in.PARAMETER_TYPES[kind] for name, (_, kind, _) in node.PARAMETERS.items()}
+    assert kinds == {name: ros_stand_in.PARAMETER_TYPES[kind] for name, (_, kind, _) in node.PARAMETERS.items()}
     declared = {argument.args[0] for argument in arguments}
     remapped = {name for name, _ in started.remappings}
     assert declared == set(stated) | remapped - {"image/compressed"}

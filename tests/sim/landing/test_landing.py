@@ -54,9 +54,9 @@ def test_the_same_seed_flies_the_same_landing():
 
 
 def test_an_aircraft_that_sees_nothing_in_time_goes_around():
-    landing = land(replace(CALM, visibility_m=200.0), seen_m=250.0)
+    landing = land(replace(CALM, visibility_m=150.0), seen_m=100.0)
     assert (landing.outcome, landing.wave_off, landing.called_for) == (Outcome.WAVE_OFF, WaveOff.NOT_SEEN, True)
-    clear = land(CALM, seen_m=250.0)
+    clear = land(CALM, seen_m=100.0)
     assert (clear.wave_off, clear.called_for) == (WaveOff.NOT_SEEN, False)
 
 
