@@ -51,7 +51,7 @@ def read_campaign(folder: Path) -> tuple[CampaignPlan, list[FlownLanding]]:
 def plan_from_json(table: Mapping[str, Any]) -> CampaignPlan:
     """The plan of `CampaignPlan.as_json`, without its importance: that changes weights, which no test here takes."""
     known = settings_from_json(table)
-    values = {name: known[name] for name in ("seed", "landings", "shard")}
+    values = {name: known[name] for name in ("seed", "landings", "paired", "shard")}
     values["factors"] = {name: tuple(items) for name, items in known["factors"].items()}
     values["ranges"] = {name: (low, high) for name, (low, high) in known["ranges"].items()}
     return CampaignPlan(landing=config_from_table(LandingConfig, known["landing"]), **values)

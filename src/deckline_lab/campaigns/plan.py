@@ -18,6 +18,12 @@ from deckline_sim.landing.config import LandingConfig
 Settings = Mapping[str, Any]  # dotted names of landing settings and their values
 SEED_BITS = 53  # of a landing's seed: every reader of JSON holds such a number exactly
 DRAWS = 1  # random stream of a landing's drawn settings; its seed is of the stream without this number
+KINDS = {  # of a plan's keys that are no tables
+    "seed": (int, "a whole number"),
+    "landings": (int, "a whole number"),
+    "paired": (bool, "true or false"),
+    "shard": (int, "a whole number"),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,9 +33,12 @@ class CampaignPlan:
     landing: LandingConfig = field(default_factory=LandingConfig)
     """What all landings share."""
     seed: int = 0
-    """Of the campaign; landing n has the same seed and the same drawn settings in every cell."""
+    """Of the campaign."""
     landings: int = 100
     """In every cell."""
+    paired: bool = False
+    """Landing n has the same seed and the same drawn settings in every cell: cells can be compared landing by landing,
+    and their landings not be pooled. Otherwise all landings are independent."""
     shard: int = 50
     """Landings of one file, all of one cell; a stopped campaign loses the shards that it had begun."""
     factors: Mapping[str, tuple[Any, ...]] = field(default_factory=dict)
@@ -86,19 +95,22 @@ class CampaignPlan:
             if drawn:
                 yield self.config({**cell, **{name: high for name, (_, high) in drawn.items()}})
 
-    def landing_seed(self, number: int) -> int:
-        """Seed of landing `number` in every cell."""
-        state = np.random.SeedSequence([self.seed, number]).generate_state(1, np.uint64)
+    def landing_seed(self, cell: int, number: int) -> int:
+        """Seed of a cell's landing."""
+        state = np.random.SeedSequence(self._entropy(cell, number)).generate_state(1, np.uint64)
         return int(state[0]) >> (64 - SEED_BITS)
 
-    def draw(self, number: int) -> tuple[dict[str, float], float]:
-        """Drawn settings of landing `number`, and its weight: 1 without importance."""
-        rng = np.random.default_rng([self.seed, number, DRAWS])
+    def draw(self, cell: int, number: int) -> tuple[dict[str, float], float]:
+        """Drawn settings of a cell's landing, and its weight: 1 without importance."""
+        rng = np.random.default_rng(np.random.SeedSequence(self._entropy(cell, number), spawn_key=(DRAWS,)))
         settings = {name: float(rng.uniform(*self.ranges[name])) for name in sorted(self.ranges)}
         if self.importance is None:
             return settings, 1.0
         value = self.importance.draw(rng)
         return {**settings, self.importance.name: value}, self.importance.weight(value)
+
+    def _entropy(self, cell: int, number: int) -> list[int]:
+        return [self.seed, number] if self.paired else [self.seed, number, cell]
 
     def as_json(self) -> dict[str, Any]:
         """The plan as JSON values: infinite numbers as text."""
@@ -112,7 +124,7 @@ class CampaignPlan:
 
 
 def read_plan(path: Path) -> CampaignPlan:
-    """A plan from a TOML file: keys seed, landings, shard; tables landing, factors, ranges, importance.
+    """A plan from a TOML file: keys seed, landings, paired, shard; tables landing, factors, ranges, importance.
 
     Raises:
         OSError: the file cannot be read.
@@ -123,8 +135,8 @@ def read_plan(path: Path) -> CampaignPlan:
     for key, value in table.items():
         if key not in known:
             raise ValueError(f"{path}: unknown key {key}{suggest_key(key, known)}")
-        if isinstance(value, dict) is (key in ("seed", "landings", "shard")):
-            raise ValueError(f"{path}: {key} must be {'a whole number' if isinstance(value, dict) else 'a table'}")
+        if isinstance(value, dict) is (key in KINDS):
+            raise ValueError(f"{path}: {key} must be {KINDS.get(key, (dict, 'a table'))[1]}")
     values: dict[str, Any] = dict(table)
     try:
         values["landing"] = config_from_table(LandingConfig, table.get("landing", {}), source="landing")
@@ -132,9 +144,9 @@ def read_plan(path: Path) -> CampaignPlan:
         values["ranges"] = {name: _range(name, value) for name, value in _flat(table.get("ranges", {}))}
         if "importance" in table:
             values["importance"] = config_from_table(Importance, table["importance"], source="importance")
-        for key in ("seed", "landings", "shard"):
-            if type(values.get(key, 0)) is not int:
-                raise ValueError(f"{key} must be a whole number, got {values[key]!r}")
+        for key, (kind, name) in KINDS.items():
+            if key in values and type(values[key]) is not kind:
+                raise ValueError(f"{key} must be {name}, got {values[key]!r}")
         return CampaignPlan(**values)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None

@@ -87,8 +87,8 @@ def fly_shard(shard: int, plan: CampaignPlan, fly: Fly) -> bytes:
 
 
 def _fly_line(cell: int, number: int, plan: CampaignPlan, fly: Fly) -> bytes:
-    seed = plan.landing_seed(number)
-    drawn, weight = plan.draw(number)
+    seed = plan.landing_seed(cell, number)
+    drawn, weight = plan.draw(cell, number)
     settings = {**plan.cells[cell], **drawn}
     try:
         landing = fly(plan.config(settings), seed).record()

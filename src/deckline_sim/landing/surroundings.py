@@ -28,6 +28,7 @@ DATALINK_SIGMA_M = 5.0  # 1-sigma of the ship's place as its datalink reports it
 MAX_WIDTH_FRACTION = 0.25  # by which the width of the ship's datalink can be wrong: another ship's; our choice
 DATALINK_HEADING_SIGMA_DEG = 1.0  # the same of its heading
 # Wires of a ship that has none in its class, beyond the beginning of the lines, m; 12.4 m apart as on a large carrier.
+CARRIED_S = 0.28  # how far the wake carries a hook beyond the glideslope's end, m per m/s of wind over the deck: flown
 WIRES_M = (52.0, 64.4, 76.8)
 MOTION = 61  # random stream
 
@@ -58,7 +59,8 @@ def surroundings(config: LandingConfig, seed: int) -> Surroundings:
     ship = load_class(config.ship)
     layout, motion = class_layout(ship), ship_motion(config, seed)
     wires = ship.plan.wires_m or WIRES_M
-    run = run_config(config, layout, motion, aim_m(wires))
+    over_deck_m_s = config.ship_speed_m_s + config.wind_m_s * float(np.cos(np.deg2rad(config.wind_from_deg)))
+    run = run_config(config, layout, motion, aim_m(wires, over_deck_m_s))
     deck = Deck(layout, motion, run.approach.touchdown_m, wires)
     sensors = GRADES[config.navigation]
     camera = Camera.from_fov(config.camera.width, config.camera.height, np.deg2rad(config.camera.fov_deg))
@@ -73,9 +75,16 @@ def ship_motion(config: LandingConfig, seed: int) -> ShipMotion:
     return draw_motion(MotionConfig(config.sea_state, config.ship_speed_m_s), False, rng)
 
 
-def aim_m(wires_m: tuple[float, ...]) -> float:
-    """Where the hook should come down, m beyond the ramp: before the last wire but one, in the middle to the next."""
-    return float(np.mean(wires_m[-3:-1]))
+def aim_m(wires_m: tuple[float, ...], over_deck_m_s: float) -> float:
+    """Where the glideslope meets the deck, m beyond the ramp.
+
+    Hooks then come down before the last wire but one, in the middle to the next: the wake's upwash carries them on.
+
+    Args:
+        wires_m: beyond the ramp.
+        over_deck_m_s: wind over the deck.
+    """
+    return float(np.mean(wires_m[-3:-1])) - CARRIED_S * over_deck_m_s
 
 
 def run_config(config: LandingConfig, layout: Layout, motion: ShipMotion, touchdown_m: float) -> RunConfig:

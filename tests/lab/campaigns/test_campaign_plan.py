@@ -39,7 +39,7 @@ def test_factors_make_every_combination_a_cell(read):
     plan = read(PLAN)
     cells = [(cell["visibility_m"], cell["camera.latency_s"]) for cell in plan.cells]
     assert sorted(cells) == [(v, t) for v in (300, np.inf) for t in (0.05, 0.1, 0.2)]
-    config = plan.config({**plan.cells[1], **plan.draw(0)[0]})
+    config = plan.config({**plan.cells[1], **plan.draw(1, 0)[0]})
     assert (config.visibility_m, config.camera.latency_s) == (300.0, 0.1)
     assert (config.camera.rate_hz, config.camera.width, config.wind_m_s) == (20.0, 1280, 8.0)
     json.dumps(plan.as_json(), allow_nan=False)
@@ -52,18 +52,25 @@ def test_shards_hold_every_landing_of_every_cell_once(read):
     assert [plan.shard_landings(shard)[0] for shard in range(6)] == list(range(6))  # the cells in turn
 
 
-def test_seeds_and_draws_are_of_the_plan_and_the_number_alone(read):
+def test_seeds_and_draws_are_of_the_plan_and_the_landing_alone(read):
     plan, same = read(PLAN), CampaignPlan(seed=3, ranges={"turbulence": (0.5, 2.0)})
     other = CampaignPlan(seed=4, ranges={"turbulence": (0.5, 2.0)})
-    seeds = [plan.landing_seed(number) for number in range(300)]
-    assert seeds == [same.landing_seed(number) for number in range(300)]
-    assert len({*seeds, *(other.landing_seed(number) for number in range(300))}) == 600
-    assert max(seeds) < 2**53
-    drawn = np.array([plan.draw(number)[0]["turbulence"] for number in range(300)])
+    seeds = [plan.landing_seed(0, number) for number in range(300)]
+    assert seeds == [same.landing_seed(0, number) for number in range(300)]
+    others = *(other.landing_seed(0, number) for number in range(300)), *(plan.landing_seed(1, n) for n in range(300))
+    assert len({*seeds, *others}) == 900
+    assert max(*seeds, *others) < 2**53
+    drawn = np.array([plan.draw(0, number)[0]["turbulence"] for number in range(300)])
     assert drawn.min() >= 0.5
     assert drawn.max() <= 2.0
     assert abs(drawn.mean() - 1.25) < 4 * 1.5 / np.sqrt(12 * 300)  # 4 sigma of the mean
-    assert plan.draw(7) == same.draw(7)
+    assert plan.draw(1, 7) == same.draw(1, 7) != plan.draw(0, 7)
+
+
+def test_paired_cells_share_seeds_and_draws():
+    plan = CampaignPlan(paired=True, factors={"sea_state": (2, 4)}, ranges={"turbulence": (0.5, 2.0)})
+    assert plan.landing_seed(0, 7) == plan.landing_seed(1, 7) != plan.landing_seed(0, 8)
+    assert plan.draw(0, 7) == plan.draw(1, 7) != plan.draw(0, 8)
 
 
 @pytest.mark.parametrize(

@@ -120,7 +120,7 @@ def test_ctrl_c_leaves_whole_shards(tmp_path, plan_file, expected):
 
 def test_a_dead_process_is_one_line_and_its_shard_is_flown_again(tmp_path, plan_file, expected, monkeypatch, capsys):
     plan, deadly = read_plan(plan_file), tmp_path / "seed"
-    deadly.write_text(str(plan.landing_seed(12)))
+    deadly.write_text(str(plan.landing_seed(0, 12)))
     monkeypatch.setenv(stand_in.DEADLY_SEED, str(deadly))
     run_campaign(plan, tmp_path / "out", stand_in.fly, stand_in.accept, 2)
     assert shards(tmp_path / "out") == expected
@@ -145,7 +145,7 @@ def refuse(config, seed):
 
 def test_a_landing_that_cannot_be_flown_is_named(tmp_path, plan_file):
     plan = read_plan(plan_file)
-    with pytest.raises(ValueError, match=rf"cell 0.*{plan.landing_seed(0)}.*no lift"):
+    with pytest.raises(ValueError, match=rf"cell 0.*{plan.landing_seed(0, 0)}.*no lift"):
         run_campaign(plan, tmp_path / "out", refuse, stand_in.accept, 1)
 
 
