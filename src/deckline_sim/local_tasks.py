@@ -7,6 +7,7 @@ import threading
 import traceback
 from collections.abc import Callable
 from contextlib import suppress
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any
@@ -73,7 +74,9 @@ class _Worker:
         context = multiprocessing.get_context("spawn")
         self.connection, theirs = context.Pipe()
         self.process: BaseProcess = context.Process(target=_work, args=(theirs, task, number, count), daemon=True)
-        # A process started with Ctrl-C blocked inherits that, so that only this process hears Ctrl-C.
+        # A process started with Ctrl-C blocked inherits that, so that only this process hears Ctrl-C. The tracker is
+        # started before: its start lets Ctrl-C through again (cpython, Lib/multiprocessing/resource_tracker.py).
+        resource_tracker.ensure_running()
         mask: Any = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             self.process.start()

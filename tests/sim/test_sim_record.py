@@ -213,6 +213,13 @@ def children(pid: int) -> list[int]:
     return [int(word) for word in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
 
 
+def is_deaf_to_interrupts(pid: int) -> bool:
+    """Whether a process blocks or ignores Ctrl-C."""
+    status = dict(line.split(":", 1) for line in Path(f"/proc/{pid}/status").read_text().splitlines())
+    bit = 1 << (signal.SIGINT - 1)
+    return bool((int(status["SigBlk"], 16) | int(status["SigIgn"], 16)) & bit)
+
+
 def check_gone(pids: list[int]) -> None:
     deadline = time.monotonic() + 20.0
     while any(Path(f"/proc/{pid}").exists() for pid in pids):
@@ -229,6 +236,7 @@ def test_a_stopped_command_leaves_no_process_and_goes_on_to_the_same_bytes(tmp_p
     command = started(tmp_path / "stopped")
     workers = children(command.pid)
     assert len(workers) >= 2
+    assert all(map(is_deaf_to_interrupts, workers))
     if how == signal.SIGINT:
         os.killpg(command.pid, how)  # as a terminal does: the whole group hears Ctrl-C
     else:
