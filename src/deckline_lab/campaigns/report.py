@@ -29,6 +29,7 @@ TEMPLATES = Path(__file__).parent / "templates"
 SEA_STATES = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, np.inf)
 BANDS = {"visibility_m": VISIBILITY_M, "sea_state": SEA_STATES}  # edges of groups, where a setting is drawn
 LISTED = 6  # landings of one outcome
+PAIRED = "paired: bounds by cell"  # cells that share seeds are not independent
 
 
 def campaign_html(
@@ -142,10 +143,11 @@ def _cards(plan: CampaignPlan, landings: Sequence[FlownLanding]) -> Iterator[tup
         yield "Effective landings", f"{whole.effective:,.0f}", "weighted"
     good = whole.shares[GOOD]
     interval = f"95 % interval {100 * good.low:.3g} to {100 * good.high:.3g} %"
-    yield "Boarded or rightly waved off", f"{100 * good.value:.3g} %", interval
+    yield "Boarded or rightly waved off", f"{100 * good.value:.3g} %", PAIRED if plan.paired else interval
     for label, event in (("Ramp strikes", Outcome.RAMP_STRIKE), ("Misleading", MISLEADING)):
         share = whole.shares[event]
-        yield label, f"{share.hits:,}", f"{100 * share.value:.3g} %, at most {100 * share.at_most:.3g} %"
+        bound = PAIRED if plan.paired else f"at most {100 * share.at_most:.3g} %"
+        yield label, f"{share.hits:,}", f"{100 * share.value:.3g} %, {bound}"
     down = whole.touchdown
     if down.along_m is not None and down.across_m is not None:
         yield "Touchdown, 1-sigma", f"{down.along_m[1]:.1f} m", f"along; across {down.across_m[1]:.2f} m"

@@ -9,7 +9,7 @@ from scipy.stats import norm, truncnorm
 
 from deckline_lab.campaigns.importance import Importance
 from deckline_lab.campaigns.plan import CampaignPlan
-from deckline_lab.campaigns.report import campaign_html, group_landings
+from deckline_lab.campaigns.report import PAIRED, campaign_html, group_landings
 from deckline_lab.campaigns.runner import run_campaign, shard_files
 from deckline_lab.campaigns.shares import estimate_share
 from deckline_lab.campaigns.summary import (
@@ -130,6 +130,16 @@ def test_the_page_holds_pictures_and_no_address(flown):
     assert page.count("data:image/png;base64,") == 3
     assert "fog &lt;1&gt;" in page
     assert "http" not in page.replace("http-equiv", "")
+
+
+def test_paired_landings_are_not_pooled_into_bounds(flown):
+    pytest.importorskip("matplotlib")
+    plan, out = flown
+    landings = read_landings(plan, out)
+    tables = summary_tables(summarise(plan, landings), False)
+    plans = plan, replace(plan, paired=True)
+    counts = [campaign_html(each, landings, "fog", tables, []).count(PAIRED) for each in plans]
+    assert counts == [0, 3]  # good, ramp strikes, misleading
 
 
 @pytest.mark.parametrize("damage", [lambda data: data[:-30], lambda data: data.replace(b'"number":0', b'"number":1')])
