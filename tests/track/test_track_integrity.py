@@ -12,7 +12,8 @@ from test_track_tracker import deviations
 from deckline.config import Integrity
 from deckline.track import Tracker
 from deckline.track.filter import update
-from deckline.track.integrity import FaultMonitor
+from deckline.track.integrity import FaultMonitor, LeftOut
+from deckline.track.measurement import measure, select_consistent
 from deckline.track.motion import Pose
 from deckline.track.prior_tests import UNBOUNDED_YAW, UNLIKELY, YOUNG, bias_flag, drift_flag, unverified_reasons
 from deckline.track.protection import fault_gains, least_closing_speed, protection_levels, undetected_yaw
@@ -182,10 +183,10 @@ def test_the_protection_level_is_that_of_noise_plus_the_worst_undetected_fault()
     assert level.vertical_m - rarer.vertical_m == pytest.approx((5.3267 - 3.2905) * sigma, rel=1e-3)
 
 
-def test_a_line_that_is_readmitted_after_a_flag_restarts_the_track():
+def test_a_line_that_comes_back_to_a_track_that_others_held_ends_its_flag():
     """The right line 4 m outside for a second: left out, flagged, then at its place again."""
     flight = replace(SLOW, seed=3)
-    tracker, ages, widths = Tracker(CALM), [], []
+    tracker, ages, flags, widths = Tracker(CALM), [], [], []
     for index, (frame, estimate, _) in enumerate(approach(flight, errors=draw_errors(flight))):
         if 12 <= index < 18 and "right" in estimate.lines:
             right = estimate.lines["right"]
@@ -193,10 +194,25 @@ def test_a_line_that_is_readmitted_after_a_flag_restarts_the_track():
             estimate = replace(estimate, lines=estimate.lines | {"right": replace(right, point_m=outside)})
         track = advance(tracker, frame, estimate)
         ages.append(track.age_s)
+        flags.append(reasons(track.flags))
         widths.append(float(np.linalg.norm((track.lines["right"].point_m - track.lines["left"].point_m)[:2])))
-    assert ages[17] > 2.0
-    assert ages[18] == 0.0
+    assert Reason.RIGHT in flags[17]
+    assert not any(Reason.RIGHT in names for names in flags[18:])
+    assert min(ages[18:]) > ages[17] > 2.0
     assert max(abs(width - widths[11]) for width in widths[18:]) < 1.0
+
+
+@pytest.mark.parametrize(("wrong_m", "lasts_s", "restarts"), [(4.0, 1.0, False), (0.2, 1.0, True), (0.2, 0.1, False)])
+def test_a_line_restarts_the_track_where_it_would_be_back_as_wrong_as_before(wrong_m, lasts_s, restarts):
+    lines, pose = seen(np.random.default_rng(0)).lines, Pose(np.array([-100.0, 0.0, -35.0]), np.zeros(3), np.zeros(3))
+    state = initial_state(1.0, lines["left"], None, CALM)
+    for _ in range(10):
+        measurement = measure(state, lines, DepthMode.FINE, pose, CALM)
+        state = update(state, measurement.innovation, measurement.design, measurement.noise)
+    measurement = measure(state, lines, DepthMode.FINE, pose, CALM)
+    gated = select_consistent(state, measurement, CALM.tracking.gate_sigma)
+    out = LeftOut(state.time_s - lasts_s, np.array([wrong_m, 0.0]))
+    assert FaultMonitor(left_out={Reason.RIGHT: out}).is_readmitted(state, measurement, gated, CALM) is restarts
 
 
 def test_lines_that_drift_faster_than_a_ship_are_flagged():

@@ -9,7 +9,7 @@ from deckline.config import RunConfig
 from deckline.geometry import wrap_angle
 from deckline.track.extent import Extent
 from deckline.track.filter import predict
-from deckline.track.measurement import NAMES, GatedMeasurement
+from deckline.track.measurement import NAMES, GatedMeasurement, Measurement, would_pass
 from deckline.track.prior_tests import bias_flag, drift_flag
 from deckline.track.stated_width import WidthTest
 from deckline.track.states import FilterState, States
@@ -24,38 +24,52 @@ MIN_SPACING_M = 1.0  # below this left and right are swapped
 
 
 @dataclass(frozen=True, eq=False)
+class LeftOut:
+    """A component of the measurements that does not pass the gate."""
+
+    since_s: float
+    innovation: Array  # when last measured, as in `Measurement`
+
+
+@dataclass(frozen=True, eq=False)
 class FaultMonitor:
     """Memory of contradictions between measurements and track."""
 
     squares: float = 0.0  # exponentially fading sum of squared normalised residuals
     degrees: float = 0.0  # and of their degrees of freedom
-    since_s: dict[Reason, float] = field(default_factory=dict)  # since when a measurement is left out
+    left_out: dict[Reason, LeftOut] = field(default_factory=dict)  # LEFT, RIGHT, HEIGHT
     previous: FilterState | None = None  # of the track before this one, at its end
     contradiction: WidthTest | None = None  # the sharpest that the stated width failed
 
     def update(self, gated: GatedMeasurement | None, time_s: float, step_s: float, config: RunConfig) -> "FaultMonitor":
         """After one more frame; a frame without a line changes nothing about those that are left out."""
-        fade, since_s = float(np.exp(-step_s / config.integrity.window_s)), self.since_s
+        fade, left_out = float(np.exp(-step_s / config.integrity.window_s)), self.left_out
         squares, degrees = fade * self.squares, fade * self.degrees
         if gated is not None:
-            left_out = {diagnostic.reason: self.since_s.get(diagnostic.reason, time_s) for diagnostic in gated.excluded}
-            since_s = {
-                reason: since for reason, since in self.since_s.items() if reason not in gated.measured
-            } | left_out
+            out = [diagnostic.reason for diagnostic in gated.excluded]
+            since_s = {reason: left_out[reason].since_s if reason in left_out else time_s for reason in out}
+            unmeasured = {reason: known for reason, known in left_out.items() if reason not in gated.measured}
+            left_out = unmeasured | {reason: LeftOut(since_s[reason], gated.measured[reason]) for reason in out}
             if gated.accepted is not None:
                 squares, degrees = squares + gated.distance2, degrees + gated.degrees
-        return replace(self, squares=squares, degrees=degrees, since_s=since_s)
+        return replace(self, squares=squares, degrees=degrees, left_out=left_out)
 
-    def is_readmitted(self, gated: GatedMeasurement, time_s: float, config: RunConfig) -> bool:
-        """Whether a measurement that was flagged as left out passes the gate again.
+    def is_readmitted(
+        self, state: FilterState, measurement: Measurement, gated: GatedMeasurement, config: RunConfig
+    ) -> bool:
+        """Whether a measurement that was flagged as left out passes the gate again, and as wrong as before would too.
 
-        While it was left out the state's covariance grew, so that a measurement as wrong as before may pass. Its
-        earlier updates are still in the state. Neither can be trusted.
+        While it was left out the state's covariance grew, so that a measurement as wrong as before may pass, and its
+        earlier updates are still in the state: neither can be trusted. Where as wrong as before would not pass, what is
+        back agrees with a track that others held meanwhile.
         """
-        out = {diagnostic.reason for diagnostic in gated.excluded}
+        out, sigma = {diagnostic.reason for diagnostic in gated.excluded}, config.tracking.gate_sigma
         return any(
-            reason in gated.measured - out and time_s - since >= config.integrity.persist_s
-            for reason, since in self.since_s.items()
+            would_pass(state, measurement, reason, known.innovation, sigma)
+            for reason, known in self.left_out.items()
+            if reason in gated.measured
+            and reason not in out
+            and state.time_s - known.since_s >= config.integrity.persist_s
         )
 
     def update_width(self, test: WidthTest | None, limit_sigma: float) -> "FaultMonitor":
@@ -74,7 +88,7 @@ class FaultMonitor:
 
     def forget(self) -> "FaultMonitor":
         """Without what is left out: the track that it contradicted is given up."""
-        return replace(self, since_s={})
+        return replace(self, left_out={})
 
     def restart(self, before: FilterState | None, config: RunConfig) -> "FaultMonitor":
         """For a new track: compare it with the old one, unless the old one contradicts the one before it."""
@@ -82,7 +96,7 @@ class FaultMonitor:
         if before is not None and np.sqrt(before.covariance[States.SPACING, States.SPACING]) < MAX_SPACING_SIGMA_M:
             is_other = previous is not None and _change_flag(previous, before, None, config) is not None
             previous = previous if is_other else before
-        return FaultMonitor(since_s=self.since_s, previous=previous, contradiction=self.contradiction)
+        return FaultMonitor(left_out=self.left_out, previous=previous, contradiction=self.contradiction)
 
     def active_flags(
         self,
@@ -105,10 +119,11 @@ class FaultMonitor:
         """
         messages = {} if gated is None else {diagnostic.reason: diagnostic.message for diagnostic in gated.excluded}
         flags: list[Diagnostic | None] = []
-        for reason, since in self.since_s.items():
-            if time_s - since >= config.integrity.persist_s:
+        for reason, known in self.left_out.items():
+            lasts_s = time_s - known.since_s
+            if lasts_s >= config.integrity.persist_s:
                 message = messages.get(reason, f"{WHAT[reason]} contradicted the track when last seen")
-                flags.append(Diagnostic(reason, f"{message}, for {time_s - since:.1f} s"))
+                flags.append(Diagnostic(reason, f"{message}, for {lasts_s:.1f} s"))
         if state is not None:
             near_m = 0.0 if extent is None else float(state.local(extent.near_m)[0])
             flags += [

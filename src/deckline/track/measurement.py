@@ -5,7 +5,8 @@ states of the filter; only the rest averages over frames. A line carries its sen
 it is modelled as a line through points that were each placed in the world alone.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -170,7 +171,7 @@ class GatedMeasurement:
     excluded: Diagnostics  # LEFT, RIGHT, HEIGHT: why it was left out
     distance2: float  # squared Mahalanobis distance of what was accepted
     degrees: int  # of freedom of that
-    measured: frozenset[Reason]  # LEFT, RIGHT, HEIGHT: what was measured
+    measured: Mapping[Reason, Array]  # LEFT, RIGHT, HEIGHT: the innovation of what was measured
 
 
 NAMES = {
@@ -192,7 +193,7 @@ def select_consistent(state: FilterState, measurement: Measurement, gate_sigma: 
     all_rows = list(range(len(measurement.innovation)))
     distance2 = _distance2(state, measurement, all_rows)
     names = (*measurement.sides, "height")
-    measured = frozenset(NAMES[name][0] for name in names)
+    measured = {NAMES[name][0]: measurement.innovation[measurement.rows(name)] for name in names}
     if distance2 <= chi2_gate(gate_sigma, len(all_rows)):
         return GatedMeasurement(measurement, (), distance2, len(all_rows), measured)
     best: GatedMeasurement | None = None
@@ -207,6 +208,25 @@ def select_consistent(state: FilterState, measurement: Measurement, gate_sigma: 
         return best
     excluded = tuple(_deviation(measurement, name) for name in names)
     return GatedMeasurement(None, excluded, distance2, len(all_rows), measured)
+
+
+def would_pass(
+    state: FilterState, measurement: Measurement, reason: Reason, innovation: Array, gate_sigma: float
+) -> bool:
+    """Whether the measurement would be consistent if one component of it were as far off as `innovation`.
+
+    Args:
+        reason: LEFT, RIGHT or HEIGHT, of the component.
+        innovation: of that component; with other rows than now it cannot be compared, and would pass.
+    """
+    name = next(name for name, (known, _) in NAMES.items() if known is reason)
+    rows = measurement.rows(name)
+    if len(rows) != len(innovation):
+        return True
+    changed = measurement.innovation.copy()
+    changed[rows] = innovation
+    distance2 = _distance2(state, replace(measurement, innovation=changed), list(range(len(changed))))
+    return distance2 <= chi2_gate(gate_sigma, len(changed))
 
 
 def _distance2(state: FilterState, measurement: Measurement, rows: list[int]) -> float:

@@ -211,7 +211,7 @@ class Tracker:
         if pose is not None and context.lines:
             measurement = measure(memory.state, context.lines, context.estimate.mode, pose, config)
             gated = select_consistent(memory.state, measurement, config.tracking.gate_sigma)
-            if self._faults.is_readmitted(gated, time_s, config):
+            if self._faults.is_readmitted(memory.state, measurement, gated, config):
                 self._faults = self._faults.forget()
                 back = _restart("a measurement that was left out is back")
                 return self._start_track(replace(context, diagnostics=(*context.diagnostics, back)), memory.aircraft)
