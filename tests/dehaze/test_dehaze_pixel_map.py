@@ -38,3 +38,19 @@ def test_grey_and_what_differs_from_it_have_gains_of_their_own() -> None:
 def test_light_is_srgb() -> None:
     np.testing.assert_allclose(linear_levels(np.array([0, 10, 128, 255])), [0, 0.774, 55.045, 255], atol=1e-3)
     np.testing.assert_allclose(display_levels(linear_levels(np.arange(256))), np.arange(256), atol=1e-3)
+
+
+def test_noise_is_not_amplified_and_edges_are() -> None:
+    rng = np.random.default_rng(4)
+    image = np.full((180, 240, 3), 100.0)
+    image[:, 120:] = 140.0
+    grains = rng.normal(0, 2.0, (180, 240, 1))
+    noisy = np.rint(image + grains).astype(np.uint8)
+    every = PixelMap(plane(4), plane(4), np.full((3, 4, 6), -360, np.float32))
+    plain = np.s_[20:160, 20:100]
+    assert every(noisy)[plain].std() == pytest.approx(4 * 2.0, rel=0.1)
+    quiet = PixelMap(every.gain, every.chroma, every.offset, noise=2.0)(noisy).astype(float)
+    assert quiet[plain].std() < 0.65 * 4 * 2.0
+    step = quiet[20:160, 122:126].mean() - quiet[20:160, 114:118].mean()
+    assert step == pytest.approx(4 * 40, rel=0.1)
+    assert abs(quiet[plain].mean() - every(noisy)[plain].mean()) < 0.5

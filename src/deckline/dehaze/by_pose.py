@@ -199,4 +199,4 @@ def invert_haze(view: SeaView, t: Image, clear_t: Image, haze: HazeFit, config: 
     chroma = clear_t * signal_gain(t, level, config.level_sigma, config.airlight_chroma_sigma, config.chroma_sigma)
     offset = airlight + clear_t * usual - chroma * hazy - (gain - chroma) * luma(hazy)
     gain, chroma = (np.where(t == 1, np.float32(1), part) for part in (gain, chroma))
-    return PixelMap(gain, chroma, np.where(t == 1, np.float32(0), offset))
+    return PixelMap(gain, chroma, np.where(t == 1, np.float32(0), offset), config.level_sigma / NOISE_WEIGHT)

@@ -129,7 +129,7 @@ class OnnxDehazer:
         if self.network_only:
             return solution.restored(self._run(frame.image_rgb, solution.remove(frame.image_rgb)))
         small = downscale_frame(frame, min(CHANGE_PX, self.working_long_side_px)).image_rgb
-        prior = solution.remove(small)
+        prior = replace(solution.remove, noise=0.0)(small)  # averaged already
         change = limit_change(prior, fit_to_angles(prior, self._run(small, prior), solution.down)(prior))
         return solution.restored(solution.remove.add(change).fade(air)(frame.image_rgb))
 

@@ -13,6 +13,7 @@ from deckline.flight import FrameResult
 from deckline.report.bands import by_band, share
 from deckline.types import SIDES, Detection, LineVisibility
 from deckline_lab.evaluation.dehazing_pairs import FILMS, Distances, Pair
+from deckline_lab.evaluation.false_content import false_edges
 from deckline_lab.evaluation.metrics import SSIM_WINDOW_PX, psnr_db, ssim
 from deckline_lab.evaluation.no_reference import summarise_no_reference
 from deckline_lab.evaluation.tables import Figures
@@ -27,7 +28,7 @@ from deckline_lab.statistics import DEHAZING_VISIBILITY_M, Difference, median_an
 
 MOST_PSNR_DB = 60.0  # what an untouched picture counts, so that means are finite
 ALL = "all"
-FIGURES = ("psnr_db", "psnr_db_surface", "ssim", "visible_range_m")
+FIGURES = ("psnr_db", "psnr_db_surface", "ssim", "visible_range_m", "false_edges_per_mille")
 
 Summaries = Mapping[str, Mapping[str, "DehazingSummary"]]  # band -> dehazer
 
@@ -71,7 +72,8 @@ class DehazingSummary:
 def restoration(
     image_rgb: NDArray[np.uint8], clear_rgb: NDArray[np.uint8], surface: NDArray[np.bool_] | None
 ) -> Figures:
-    """FIGURES of a restored picture (H, W, 3): PSNR (dB, at most 60) of all and of the surface's pixels, and SSIM.
+    """FIGURES of a restored picture (H, W, 3): PSNR (dB, at most 60) of all and of the surface's pixels, SSIM, and the
+    edges that the clear picture lacks.
 
     SSIM is left out of pictures smaller than its window. The surface (H, W) is sea and ship, as the sky behind haze can
     only be guessed; it is left out where it is None or nowhere true.
@@ -81,6 +83,7 @@ def restoration(
         figures["psnr_db_surface"] = min(psnr_db(image_rgb, clear_rgb, surface), MOST_PSNR_DB)
     if min(image_rgb.shape[:2]) >= SSIM_WINDOW_PX:
         figures["ssim"] = ssim(image_rgb, clear_rgb)
+    figures["false_edges_per_mille"] = 1e3 * false_edges(image_rgb, clear_rgb)
     return figures
 
 

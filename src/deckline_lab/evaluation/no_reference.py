@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from deckline.dehaze.filters import dark_channel
 from deckline.dehaze.pixel_map import linear_levels
+from deckline_lab.evaluation.false_content import raised_noise
 from deckline_lab.evaluation.tables import Figures, Table, number
 from deckline_sim.visible_line import VisibleLine, measure_contrast
 
@@ -34,12 +35,14 @@ FIGURES = {  # the worst of many pictures, column, format, scale
     "gradient_ratio": (min, "gradients", ".2f", 1.0),
     "newly_saturated": (max, "saturated, %", ".2f", 100.0),
     "dark_channel": (max, "dark channel", ".3f", 1.0),
+    "raised_noise": (max, "raised noise, %", ".2f", 100.0),
 }
 MEANING = (
     "Median, in brackets the worst picture; no clear picture is used. New edges: of more than 5 % contrast, against "
     "the hazy picture. Gradients: over the hazy ones, geometric mean at visible edges. Saturated: new black or white. "
     "Noise counts as edges (Hautiere et al. 2008). Dark channel: mean; fog, sky and white paint raise it (He et al. "
-    f"2011). Worse: {MOST_EDGES_LOST:.0%} of the edges lost, gradients below {LEAST_GRADIENT_RATIO}, "
+    "2011). Raised noise: pixels on visible steps where the hazy picture shows none above noise, blocks and one level. "
+    f"Worse: {MOST_EDGES_LOST:.0%} of the edges lost, gradients below {LEAST_GRADIENT_RATIO}, "
     f"{MOST_SATURATED:.0%} saturated, or a dark channel {MOST_DARK_CHANNEL_GAIN} higher."
 )
 Grey = NDArray[np.uint8]
@@ -53,6 +56,7 @@ def no_reference_figures(image_rgb: NDArray[np.uint8], hazy_rgb: NDArray[np.uint
         gradient_ratio: r, geometric mean over the visible edges; left out where there is none.
         newly_saturated: sigma, share of the pixels that are black or white and were not.
         dark_channel: mean, 0..1; fog raises it, and so do sky and white paint.
+        raised_noise: share of the pixels, see `false_content.raised_noise`.
         worse_than_input: 1 for a picture that lost visible edges, gradient or levels or gained fog, beyond the limits
             at the top of this module; 0 for others.
 
@@ -74,6 +78,7 @@ def no_reference_figures(image_rgb: NDArray[np.uint8], hazy_rgb: NDArray[np.uint
         figures["gradient_ratio"] = float(np.exp(np.mean(np.log(gradient[comparable] / gradient_hazy[comparable]))))
     figures["newly_saturated"] = float(np.mean(np.isin(full, (0, 255)) & ~np.isin(full_hazy, (0, 255))))
     figures["dark_channel"] = _mean_dark_channel(small)
+    figures["raised_noise"] = raised_noise(image_rgb, hazy_rgb)
     lost = -figures.get("new_edges", 0.0) > MOST_EDGES_LOST
     weaker = figures.get("gradient_ratio", 1.0) < LEAST_GRADIENT_RATIO
     saturated = figures["newly_saturated"] > MOST_SATURATED

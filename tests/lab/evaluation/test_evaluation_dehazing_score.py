@@ -21,6 +21,7 @@ from deckline_lab.evaluation.dehazing_score import (
     worse_lines,
 )
 from deckline_lab.evaluation.dehazing_tables import DehazingResults, dehazing_tables, json_of
+from deckline_lab.evaluation.false_content import false_edges
 from deckline_lab.evaluation.metrics import psnr_db, ssim
 from deckline_lab.evaluation.visible_distance import TITLE
 from deckline_sim.visible_line import find_visible_line
@@ -45,13 +46,15 @@ def test_figures_are_of_the_whole_picture_and_of_the_surface():
     surface[30:, 10:] = True
     below = psnr_db(image[30:, 10:], clear[30:, 10:])
     expected = {"psnr_db": psnr_db(image, clear), "psnr_db_surface": below, "ssim": ssim(image, clear)}
+    expected["false_edges_per_mille"] = 1e3 * false_edges(image, clear)
     assert restoration(image, clear, surface) == pytest.approx(expected, abs=1e-12)
 
 
 def test_an_untouched_picture_counts_60_db_and_what_does_not_exist_is_left_out():
     small = np.full((8, 20, 3), 7, np.uint8)
-    assert restoration(small, small, None) == {"psnr_db": 60.0}
-    assert restoration(small, small, np.zeros((8, 20), dtype=bool)) == {"psnr_db": 60.0}
+    untouched = {"psnr_db": 60.0, "false_edges_per_mille": 0.0}
+    assert restoration(small, small, None) == untouched
+    assert restoration(small, small, np.zeros((8, 20), dtype=bool)) == untouched
 
 
 def test_the_part_of_a_line_inside_the_image_is_measured():
