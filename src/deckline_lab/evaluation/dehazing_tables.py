@@ -31,7 +31,7 @@ LINES = (
     "ways."
 )
 FALSE = (
-    "False edges: pixels on steps of 5 % or more of which the clear picture has less than half within 2 px; a mean over "
+    "False edges: pixels on steps of 5 % or more of which the clear picture has less than half within 2 px; mean over "
     "images."
 )
 LEVELS = {

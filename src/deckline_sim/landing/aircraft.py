@@ -98,6 +98,7 @@ class Aircraft:
         heading_rad: of the nose, rad.
         gamma_rad: flight path through the air, rad; negative: descending.
         wind_m_s: (3,) steady wind over the water, world, m/s.
+        sea_z_m: world z of the water, on which the model's own wheels would stand.
 
     Raises:
         ValueError: an unknown model, or one that cannot be trimmed on this path.
@@ -110,6 +111,7 @@ class Aircraft:
         heading_rad: float,
         gamma_rad: float,
         wind_m_s: NDArray[np.float64],
+        sea_z_m: float = 0.0,
     ) -> None:
         if model not in APPROACHES:
             raise ValueError(f"unknown aircraft {model!r}: use one of {', '.join(APPROACHES)}")
@@ -122,6 +124,7 @@ class Aircraft:
         self._fdm.set_dt(1 / DYNAMICS_HZ)
         self._wind_m_s = tuple(wind_m_s.tolist())
         self._steps = 0
+        self._fdm["ic/terrain-elevation-ft"] = -sea_z_m / FT
         self._start(position_m, heading_rad, gamma_rad)
         try:
             self._fdm["simulation/do_simple_trim"] = 1

@@ -166,7 +166,7 @@ def start_aircraft(scene: Surroundings) -> Aircraft:
     place[:2] += -config.start_m * along + lateral * right
     heading = math.atan2(through_air[1], through_air[0])
     descent = -math.asin(closing * slope / speed)
-    return Aircraft(config.aircraft, place, heading, descent, wind_m_s)
+    return Aircraft(config.aircraft, place, heading, descent, wind_m_s, deck.layout.sea_z_m)
 
 
 def fly(config: LandingConfig, seed: int, sights: Sights | None = None) -> Landing:
@@ -282,7 +282,8 @@ class _Pass:
         state, along = self.aircraft.state, self.along
         behind, above = self._behind_ramp(self.time_s)
         sinking, missing, rough = wake(behind, above, self.over_deck_m_s, self.config.burble)
-        ahead, side, down = self.gusts.step(-state.position_m[2], state.airspeed_m_s, rough)
+        height_m = self.scene.deck.layout.sea_z_m - state.position_m[2]
+        ahead, side, down = self.gusts.step(height_m, state.airspeed_m_s, rough)
         ahead += missing
         north, east = ahead * along[0] - side * along[1], ahead * along[1] + side * along[0]
         return north, east, down + sinking

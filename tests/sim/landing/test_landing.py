@@ -40,8 +40,9 @@ def test_what_cannot_be_flown_is_refused(model, gamma_deg, named):
         Aircraft(model, np.array([0.0, 0.0, -100.0]), 0.0, math.radians(gamma_deg), np.zeros(3))
 
 
-def test_in_calm_air_it_lands_on_the_point():
-    landing = land(CALM)
+@pytest.mark.parametrize("ship", ["cvn", "paper", "axial"])
+def test_in_calm_air_it_lands_on_the_point(ship):
+    landing = land(replace(CALM, ship=ship))
     assert landing.outcome is Outcome.WIRE
     assert abs(landing.touchdown.beyond_aim_m) < 2.0
     assert abs(landing.touchdown.right_m) < 0.2
