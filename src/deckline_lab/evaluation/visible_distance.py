@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.truth import range_to_ramp_m, true_segments
+from deckline.truth import true_segments
 from deckline.types import SIDES, Detection, Frame
 from deckline_lab.evaluation.metrics import distance_px
 from deckline_lab.evaluation.tables import Figures, Table, number
@@ -72,12 +72,6 @@ def is_right(frame: Frame, detection: Detection) -> bool:
         return False
     errors = [distance_px(each, line, frame.camera) for each, line in zip(points, lines, strict=True)]
     return are_right(errors, tolerance_px(frame.camera.width, near_width_px(*lines)))
-
-
-def approach_frame(approach: str, frame: Frame, detection: Detection) -> ApproachFrame:
-    """A frame with truth and what was found in it."""
-    visibility_m = math.nan if frame.truth is None else frame.truth.visibility_m or math.nan
-    return ApproachFrame(approach, frame.time_s, range_to_ramp_m(frame), visibility_m, is_right(frame, detection))
 
 
 def first_held_m(frames: Sequence[ApproachFrame]) -> float:

@@ -73,8 +73,6 @@ class AircraftState:
     """About the body's axes, rad/s."""
     airspeed_m_s: float
     """True airspeed, m/s."""
-    alpha_rad: float
-    """Angle of attack, rad."""
     load_factor: float
     """Lift in weights, as an accelerometer measures it: 1 in steady level flight."""
 
@@ -134,9 +132,6 @@ class Aircraft:
                 f"{math.degrees(gamma_rad):.1f} degrees"
             ) from None
         self.trim_throttle = self._fdm["fcs/throttle-cmd-norm[0]"]
-        self.trim_alpha_rad = self._fdm["aero/alpha-rad"]
-        self.trim_pitch_rad = self._fdm["attitude/theta-rad"]
-        self.trim_airspeed_m_s = self._fdm["velocities/vt-fps"] * FT
         self.wheels_m = self._wheels()
         self.state = self._read()
 
@@ -191,6 +186,5 @@ class Aircraft:
             ),
             (fdm["velocities/p-rad_sec"], fdm["velocities/q-rad_sec"], fdm["velocities/r-rad_sec"]),
             fdm["velocities/vt-fps"] * FT,
-            fdm["aero/alpha-rad"],
             fdm["accelerations/Nz"],
         )

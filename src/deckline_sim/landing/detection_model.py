@@ -16,7 +16,6 @@ from deckline.config_file import config_from_table
 MODEL_FILE = Path(__file__).with_name("detection_model.json")
 RANGE_M = (20.0, 100.0, 250.0, 500.0, 900.0, 1300.0)  # knots of tables over the distance to the ramp
 DEPTHS = (0.5, 0.8, 1.0, 1.2)  # knots of tables over that distance in visibilities
-BY_RANGE = ("log_sigma", "log_sigma_rows", "offset", "offset_between", "slope", "slope_outward", "white")  # of errors
 SIZE_PX = 20.0  # apparent width of the runway at the ramp where the size has no effect
 
 

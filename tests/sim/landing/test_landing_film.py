@@ -41,7 +41,7 @@ def sample_at(time_s, to_go_m=60.0):
     place = runway_point(deck.moved_layout(time_s), deck.touchdown_m - to_go_m, 0.0, 5.0)
     heading = float(np.arctan2(*deck.landing_direction[::-1]))
     velocity = 60.0 * np.array([*deck.landing_direction, 0.0])
-    state = AircraftState(tuple(place), (0.0, 0.1, heading), tuple(velocity), (0.0, 0.0, 0.0), 65.0, 0.1, 1.0)
+    state = AircraftState(tuple(place), (0.0, 0.1, heading), tuple(velocity), (0.0, 0.0, 0.0), 65.0, 1.0)
     return Sample(time_s, state, None)
 
 
