@@ -127,6 +127,8 @@ def _figures(plan: CampaignPlan, landings: Sequence[FlownLanding]) -> Iterator[t
         draw_dispersion(plan, landings),
         "Ellipses that hold 95 % of normally distributed touchdowns; plus: mean. Both axes have their own scale.",
     )
+    if plan.paired and set(plan.factors) - set(BANDS):
+        return  # a landing flown in several cells of a group is no new one: no interval holds for the group
     yield (
         "Outcomes by visibility and sea state",
         draw_shares(group_landings(plan, landings), "visibility, m", "sea state"),

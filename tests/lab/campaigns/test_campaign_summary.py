@@ -140,6 +140,10 @@ def test_paired_landings_are_not_pooled_into_bounds(flown):
     plans = plan, replace(plan, paired=True)
     counts = [campaign_html(each, landings, "fog", tables, []).count(PAIRED) for each in plans]
     assert counts == [0, 3]  # good, ramp strikes, misleading
+    factors = dict(plan.factors)
+    factors["navigation"] = ("good", "tactical")
+    pooled = replace(plan, paired=True, factors=factors)
+    assert campaign_html(pooled, landings, "fog", tables, []).count("data:image/png") == 2  # no shares by group
 
 
 @pytest.mark.parametrize("damage", [lambda data: data[:-30], lambda data: data.replace(b'"number":0', b'"number":1')])
