@@ -17,6 +17,7 @@ from deckline_sim import CLEAR, SimConfig
 from deckline_sim.airsim_server.rpc_server import ServeConfig, serve_sim
 from deckline_sim.config import AirModel, DepthConfig, Preset, Sky, TimeOfDay, Trajectory
 from deckline_sim.record import ContactSheetConfig, parse_visibility, simulate, visibility_text, write_contact_sheet
+from deckline_sim.workers import RayOption, choose_workers
 
 SIM_HELP = """\
 examples:
@@ -64,6 +65,9 @@ class SimFlags:
     set: tuple[str, ...]  # settings as the file has them, such as exposure.rain_mm_h=10
     print_config: bool  # print all settings as TOML and stop
     jobs: int  # processes that render; 0: one for every core
+    ray: (
+        RayOption  # render as Ray tasks, on the cluster at ADDRESS (HOST:PORT, or auto), without it on one started here
+    )
     image_format: ImageFormat  # png; ppm: large, quick to write; jpg: small, with losses
     preset: Preset  # the ship; train: random ships, light, weather, cameras
     trajectory: Trajectory  # one approach, the paper's profile, unrelated views
@@ -95,7 +99,7 @@ class SimFlags:
 def sim(args: Sequence[str]) -> int:
     """Parse and run `deckline sim ARGS`."""
     base = _read_settings(args)
-    default = SimFlags(None, None, False, None, (), False, 1, "png", **_setting_flags(base))
+    default = SimFlags(None, None, False, None, (), False, 1, None, "png", **_setting_flags(base))
     flags = tyro.cli(SimFlags, prog="deckline sim", description=SIM_HELP, args=args, default=default)
     settings = _apply_flags(base, flags)
     if flags.print_config:
@@ -110,9 +114,11 @@ def sim(args: Sequence[str]) -> int:
             "deckline sim needs --out FOLDER for a recording, --contact-sheet FILE for a picture, or --serve"
         )
     elif flags.out is not None:
-        simulate(settings.simulated, flags.out, flags.image_format, flags.jobs)
+        simulate(settings.simulated, flags.out, flags.image_format, choose_workers(flags.ray, flags.jobs))
     elif flags.contact_sheet is not None:
-        write_contact_sheet(settings.simulated, flags.contact_sheet, settings.sheet, flags.jobs)
+        write_contact_sheet(
+            settings.simulated, flags.contact_sheet, settings.sheet, choose_workers(flags.ray, flags.jobs)
+        )
     return 0
 
 

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 CHUNK = 4  # most frames in one task of a process; at most 2 * CHUNK * jobs results wait for their turn
 T = TypeVar("T")
 Item = tuple[SimConfig, int]  # a recording and the index of one of its frames
-NOT_DECIDING = ("--out", "--jobs")  # options of a command that do not change what it makes
+NOT_DECIDING = ("--out", "--jobs", "--ray")  # options of a command that do not change what it makes
 LEFT_RGB, RIGHT_RGB = (255, 0, 0), (0, 255, 0)  # of the true lines in a contact sheet
 DOTS = 240  # of each true line: close views show a tenth of it
 
@@ -133,11 +133,11 @@ def visibility_text(visibility_m: tuple[float, float]) -> str:
     return low if low == high else f"{low}..{high}"
 
 
-def simulate(config: SimConfig, out: Path, image_format: ImageFormat = "png", jobs: int = 1) -> None:
+def simulate(config: SimConfig, out: Path, image_format: ImageFormat = "png", jobs: Jobs = 1) -> None:
     """Write `config.frames` frames into the recording `out`, going on where an earlier call stopped.
 
     Args:
-        jobs: processes that render; the files are the same whatever it is. 0: one for every core.
+        jobs: who renders; the files are the same whoever does.
 
     Raises:
         ValueError: `out` holds a recording made with other settings.
@@ -153,7 +153,7 @@ def simulate(config: SimConfig, out: Path, image_format: ImageFormat = "png", jo
     print(out)
 
 
-def write_contact_sheet(config: SimConfig, out: Path, sheet: ContactSheetConfig, jobs: int = 1) -> None:
+def write_contact_sheet(config: SimConfig, out: Path, sheet: ContactSheetConfig, jobs: Jobs = 1) -> None:
     """Render `config.frames` frames into one picture, written whole or not at all.
 
     Raises:
@@ -226,10 +226,10 @@ def json_values(value: Any) -> Any:
 
 
 def repeatable_command() -> str:
-    """The command line without the options that do not change its result: the folder and the processes."""
+    """The command line without the options that do not change its result: the folder, and who works."""
     words, skip = [], False
     for word in sys.argv[1:]:
-        if not skip and word.partition("=")[0] not in NOT_DECIDING:
-            words.append(word)
+        if word.startswith("-") or not skip:  # --ray may have no value
+            words += [] if word.partition("=")[0] in NOT_DECIDING else [word]
         skip = word in NOT_DECIDING
     return shlex.join(["deckline", *words])

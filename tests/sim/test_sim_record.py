@@ -116,7 +116,10 @@ def test_what_decides_a_frame_is_plain_at_any_depth():
     assert json_values((1, [math.nan])) == [1, ["nan"]]
 
 
-@pytest.mark.parametrize("words", [["--out", "x", "--jobs", "3"], ["--jobs=3", "--out=x"]])
+WORKERS = [["--out", "x", "--jobs", "3"], ["--jobs=3", "--out=x"], ["--out", "x", "--ray"], ["--ray", "head:6379"]]
+
+
+@pytest.mark.parametrize("words", WORKERS)
 def test_the_kept_command_leaves_out_what_does_not_change_the_frames(words, monkeypatch):
     monkeypatch.setattr(sys, "argv", ["/somewhere/deckline", "sim", *words, "--seed", "3"])
     assert repeatable_command() == "deckline sim --seed 3"

@@ -2,7 +2,6 @@
 
 import json
 from pathlib import Path
-from typing import Annotated
 
 import tyro
 
@@ -24,13 +23,13 @@ from deckline_lab.campaigns.summary import (
     summary_tables,
 )
 from deckline_lab.evaluation.tables import made_with, print_tables
-from deckline_sim.processes import Jobs, RayCluster, process_count
+from deckline_sim.workers import RayOption, choose_workers
 
 
 def campaign(
     plan: tyro.conf.Positional[Path],
     out: Path,
-    ray: Annotated[tuple[str, ...] | None, tyro.conf.arg(metavar="[ADDRESS]", help_behavior_hint="")] = None,
+    ray: RayOption = None,
     jobs: int = 0,
     against: Path | None = None,
     films: bool = False,
@@ -76,20 +75,6 @@ def campaign(
     write_atomic(out / REPORT_FILE, page.encode())
     print(printable(out / REPORT_FILE))
     return 0
-
-
-def choose_workers(ray: tuple[str, ...] | None, jobs: int) -> Jobs:
-    """Who flies.
-
-    Raises:
-        ValueError: more than one address, or negative jobs.
-    """
-    process_count(jobs)
-    if ray is None:
-        return jobs
-    if len(ray) > 1:
-        raise ValueError(f"--ray takes one address, got {' '.join(ray)}")
-    return RayCluster(*ray)
 
 
 COMMANDS = {"campaign": campaign}

@@ -9,6 +9,7 @@ import tyro
 
 from deckline_lab.datasets.paper import MANIFEST, DatasetConfig, check_dataset, write_dataset
 from deckline_sim.record import parse_visibility, visibility_text
+from deckline_sim.workers import RayOption, choose_workers
 
 DATASET_HELP = """\
 examples:
@@ -27,6 +28,9 @@ class DatasetFlags:
     out: tyro.conf.Positional[Path]  # folder of the dataset
     check: bool = False  # render nothing; compare every file with the manifest
     jobs: int = 1  # processes that render; 0: one for every core
+    ray: RayOption = (
+        None  # render as Ray tasks, on the cluster at ADDRESS (HOST:PORT, or auto), else on one started here
+    )
     frames: int = DatasetConfig.frames  # clear and hazy pairs, training and test together
     test: int = DatasetConfig.test  # how many of them are for testing
     seed: int = DatasetConfig.seed  # the same seed makes the same files
@@ -48,8 +52,9 @@ def dataset(args: Sequence[str]) -> int:
     if flags.check:
         print(f"{flags.out}: all {check_dataset(flags.out, flags.jobs)} files match {MANIFEST}")
         return 0
+    workers = choose_workers(flags.ray, flags.jobs)
     values = {item.name: getattr(flags, item.name) for item in fields(DatasetConfig) if item.name != "visibility_m"}
-    write_dataset(DatasetConfig(**values, visibility_m=parse_visibility(flags.visibility)), flags.out, flags.jobs)
+    write_dataset(DatasetConfig(**values, visibility_m=parse_visibility(flags.visibility)), flags.out, workers)
     return 0
 
 

@@ -31,7 +31,7 @@ from deckline.runtime import sha256_of
 from deckline.types import Frame
 from deckline_lab.datasets.tiles import tile_corners
 from deckline_sim.config import DepthConfig, SimConfig, Trajectory, WeatherConfig
-from deckline_sim.processes import map_ordered
+from deckline_sim.processes import Jobs, map_ordered
 from deckline_sim.record import Item, json_values, map_frames, show_progress, visibility_text
 from deckline_sim.scene.gl import open_context
 
@@ -82,11 +82,11 @@ class DatasetConfig:
             raise ValueError(f"tile_px must lie between 1 and the image's smaller side, got {self.tile_px}")
 
 
-def write_dataset(config: DatasetConfig, out: Path, jobs: int = 1) -> None:
+def write_dataset(config: DatasetConfig, out: Path, jobs: Jobs = 1) -> None:
     """Render the dataset into `out`, going on where an earlier call stopped.
 
     Args:
-        jobs: processes that render; the files are the same whatever it is. 0: one for every core.
+        jobs: who renders; the files are the same whoever does. Without a cluster they also read the finished files.
 
     Raises:
         ValueError: `out` holds a dataset made with other settings.
@@ -103,11 +103,11 @@ def write_dataset(config: DatasetConfig, out: Path, jobs: int = 1) -> None:
             (out / MANIFEST).unlink(missing_ok=True)
             _render(config, writers, left, jobs)
     if not (out / MANIFEST).exists():
-        write_manifest(out, {**_origin(config), "frames": members}, jobs)
+        write_manifest(out, {**_origin(config), "frames": members}, jobs if isinstance(jobs, int) else 1)
     print(out / MANIFEST)
 
 
-def _render(config: DatasetConfig, writers: dict[str, RecordingWriter], left: list[int], jobs: int) -> None:
+def _render(config: DatasetConfig, writers: dict[str, RecordingWriter], left: list[int], jobs: Jobs) -> None:
     items, test = dataset_items(config), set(split_frames(config)["test"])
     samples = map_frames(partial(encode_pair, config=config), [items[k] for k in left], jobs, config.frames)
     with closing(samples):

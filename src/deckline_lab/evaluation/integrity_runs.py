@@ -45,6 +45,7 @@ from deckline_lab.rivals.catalog import flight_from_config
 from deckline_lab.statistics import share_interval
 from deckline_sim.processes import map_ordered
 from deckline_sim.progress import progress
+from deckline_sim.workers import RayOption, choose_workers
 
 STATES_FILE = "integrity.jsonl"
 RENDERED_AIDS = tuple(name for name in AIDS if name)
@@ -88,6 +89,7 @@ class IntegrityConfig:
         noise: TOML file of the modelled detector, such as `sigma_px = 0.5`.
         alert_s: time to alert.
         jobs: processes, where nothing is rendered; 0: one for every core.
+        ray: fly as Ray tasks, on the cluster at ADDRESS (HOST:PORT, or auto), without it on one that is started here.
         out: folder of every run's frames.
         films: with --rendered, folder in which each run is flown once more as `deckline run` writes it: film, report,
             records. A run that --out holds already is not filmed.
@@ -103,6 +105,7 @@ class IntegrityConfig:
     noise: Path | None = None
     alert_s: float = ALERT_S
     jobs: int = 1
+    ray: RayOption = None
     out: Path | None = None
     films: Path | None = None
     output: Output = TO_TERMINAL
@@ -174,7 +177,7 @@ def fly_runs(
             yield from _fly_rendered(group, config, models)
         return
     work = partial(_fly_modelled, flights=config.flights, noise=config.point_noise)
-    with closing(map_ordered(work, by_flight, config.jobs)) as results:
+    with closing(map_ordered(work, by_flight, choose_workers(config.ray, config.jobs))) as results:
         for group, states in zip(by_flight, results, strict=True):
             yield from zip(group, states, strict=True)
 

@@ -38,8 +38,9 @@ from deckline_lab.evaluation.localization_tables import NOTES, flat_figures, loc
 from deckline_lab.evaluation.pictures import write_figure
 from deckline_lab.evaluation.store import Store
 from deckline_lab.evaluation.tables import TO_TERMINAL, Output, publish
-from deckline_sim.processes import map_ordered, process_count
+from deckline_sim.processes import Jobs, map_ordered, works_here
 from deckline_sim.progress import progress
+from deckline_sim.workers import RayOption, choose_workers
 
 SCORES_FILE, CSV_FILE, FIGURES = "localization.jsonl", "localization.csv", "figures"
 
@@ -62,6 +63,7 @@ class LocalizationConfig:
             tracker are compared then, in seconds an approach.
         noise: TOML file of the modelled detector, such as `sigma_px = 0.5`.
         jobs: processes, each with a share of the cores; 0: one for every core.
+        ray: fly as Ray tasks, on the cluster at ADDRESS (HOST:PORT, or auto), without it on one that is started here.
         out: folder of the scores of every frame, as CSV too, and of pictures of our rows.
         output: files of the results.
     """
@@ -72,6 +74,7 @@ class LocalizationConfig:
     points: bool = False
     noise: Path | None = None
     jobs: int = 1
+    ray: RayOption = None
     out: Path | None = None
     output: Output = TO_TERMINAL
 
@@ -86,11 +89,11 @@ class LocalizationConfig:
 
 def localization(config: Annotated[LocalizationConfig, tyro.conf.arg(name="")]) -> int:
     config.flights.approach(0)  # refuses before the work, not after
-    process_count(config.jobs)
+    workers = choose_workers(config.ray, config.jobs)
     work = _prepare(config)
     settings = {**flight_settings(config.flights), "methods": work.bench.settings}
     with Store(config.out, SCORES_FILE, settings) as store:
-        _fly_all(store, config, work)
+        _fly_all(store, config, work, workers)
     scores = [LocalizationScore(**row) for number in range(config.approaches) for row in store.rows[number,]]
     by_method = {method.name: [score for score in scores if score.method == method.name] for method in work.methods}
     models = config.flights.run.models
@@ -127,12 +130,12 @@ def _prepare(config: LocalizationConfig) -> Work:
     return Work(methods, load(methods), lambda number: map(Sighting, fly(flights, number)))
 
 
-def _fly_all(store: Store, config: LocalizationConfig, work: Work) -> None:
+def _fly_all(store: Store, config: LocalizationConfig, work: Work, workers: Jobs) -> None:
     frames = config.flights.frames
     missing = [number for number in range(config.approaches) if (number,) not in store.rows]
     with progress("flying", config.approaches * frames, (config.approaches - len(missing)) * frames) as advance:
-        if process_count(config.jobs) > 1:
-            with closing(map_ordered(partial(_fly_in_process, config=config), missing, config.jobs)) as results:
+        if not works_here(workers):
+            with closing(map_ordered(partial(_fly_in_process, config=config), missing, workers)) as results:
                 for number, rows in zip(missing, results, strict=True):
                     store.add((number,), rows)
                     for _ in range(frames):

@@ -7,9 +7,9 @@ import pytest
 
 from deckline.cli.main import main
 from deckline_lab.cli import campaign
-from deckline_lab.cli.campaign import choose_workers
 from deckline_sim.landing.touchdown import Outcome
 from deckline_sim.processes import RayCluster
+from deckline_sim.workers import choose_workers
 
 PLAN = """
 landings = 6
