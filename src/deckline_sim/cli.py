@@ -65,9 +65,7 @@ class SimFlags:
     set: tuple[str, ...]  # settings as the file has them, such as exposure.rain_mm_h=10
     print_config: bool  # print all settings as TOML and stop
     jobs: int  # processes that render; 0: one for every core
-    ray: (
-        RayOption  # render as Ray tasks, on the cluster at ADDRESS (HOST:PORT, or auto), without it on one started here
-    )
+    ray: RayOption  # render as Ray tasks, on the cluster at ADDRESS, without it on one that is started here
     image_format: ImageFormat  # png; ppm: large, quick to write; jpg: small, with losses
     preset: Preset  # the ship; train: random ships, light, weather, cameras
     trajectory: Trajectory  # one approach, the paper's profile, unrelated views

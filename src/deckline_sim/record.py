@@ -229,7 +229,8 @@ def repeatable_command() -> str:
     """The command line without the options that do not change its result: the folder, and who works."""
     words, skip = [], False
     for word in sys.argv[1:]:
-        if word.startswith("-") or not skip:  # --ray may have no value
-            words += [] if word.partition("=")[0] in NOT_DECIDING else [word]
+        is_value = skip and not word.startswith("-")  # --ray may have none
         skip = word in NOT_DECIDING
+        if not is_value and word.partition("=")[0] not in NOT_DECIDING:
+            words.append(word)
     return shlex.join(["deckline", *words])

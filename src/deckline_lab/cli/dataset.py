@@ -28,9 +28,7 @@ class DatasetFlags:
     out: tyro.conf.Positional[Path]  # folder of the dataset
     check: bool = False  # render nothing; compare every file with the manifest
     jobs: int = 1  # processes that render; 0: one for every core
-    ray: RayOption = (
-        None  # render as Ray tasks, on the cluster at ADDRESS (HOST:PORT, or auto), else on one started here
-    )
+    ray: RayOption = None  # render as Ray tasks, on the cluster at ADDRESS, without it on one that is started here
     frames: int = DatasetConfig.frames  # clear and hazy pairs, training and test together
     test: int = DatasetConfig.test  # how many of them are for testing
     seed: int = DatasetConfig.seed  # the same seed makes the same files

@@ -89,7 +89,8 @@ class IntegrityConfig:
         noise: TOML file of the modelled detector, such as `sigma_px = 0.5`.
         alert_s: time to alert.
         jobs: processes, where nothing is rendered; 0: one for every core.
-        ray: fly as Ray tasks, on the cluster at ADDRESS (HOST:PORT, or auto), without it on one that is started here.
+        ray: where nothing is rendered, fly as Ray tasks, on the cluster at ADDRESS (HOST:PORT, or auto), without it on
+            one that is started here.
         out: folder of every run's frames.
         films: with --rendered, folder in which each run is flown once more as `deckline run` writes it: film, report,
             records. A run that --out holds already is not filmed.
