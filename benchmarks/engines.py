@@ -1,6 +1,8 @@
 """What an engine costs and what it changes: time of one pass of a detector's network, lines and P(runway) against f32.
 
-    python benchmarks/engines.py RECORDING... [--frames 15] [--repeats 30] [--detector hybrid]
+    python benchmarks/engines.py RECORDING... [--frames 15] [--repeats 30] [--detectors hybrid hybrid-int8]
+
+The first detector on ONNX Runtime in f32 is the reference.
 
 Views are the closest views of the search on frames spread over each recording. Passes are interleaved, so that a busy
 machine disturbs all engines alike; medians are printed, with the processor's time beside wall time.
@@ -60,11 +62,12 @@ def count(detection: Detection) -> int:
     return (len(detection.left) > 0) + (len(detection.right) > 0)
 
 
-def print_times(name: str, view: np.ndarray, repeats: int) -> None:
+def print_times(names: list[str], view: np.ndarray, repeats: int) -> None:
     """Median time of one pass, for one and two threads of every engine."""
     passes = {
-        (key, threads): DETECTORS[name](Engine(one.device, threads, one.precision)).infer
+        (f"{name} {key}", threads): DETECTORS[name](Engine(one.device, threads, one.precision)).infer
         for threads in (1, 2)
+        for name in names
         for key, one in ENGINES.items()
     }
     wall, used = ({key: [] for key in passes} for _ in range(2))
@@ -74,29 +77,29 @@ def print_times(name: str, view: np.ndarray, repeats: int) -> None:
             infer(view)
             wall[key].append(time.perf_counter() - start)
             used[key].append(time.process_time() - start_used)
-    print(f"\n{'engine':14} {'threads':>7} {'wall ms':>8} {'fastest':>8} {'CPU ms':>7} {'CPU ratio':>9}")
+    print(f"\n{'engine':26} {'threads':>7} {'wall ms':>8} {'fastest':>8} {'CPU ms':>7} {'CPU ratio':>9}")
     for key in passes:
         times = [1e3 * value for value in (np.median(wall[key][3:]), min(wall[key]), np.median(used[key][3:]))]
-        ratio = times[2] / (1e3 * np.median(used["cpu f32", 1][3:]))
-        print(f"{key[0]:14} {key[1]:7} {times[0]:8.1f} {times[1]:8.1f} {times[2]:7.1f} {ratio:9.2f}")
+        ratio = times[2] / (1e3 * np.median(used[f"{names[0]} cpu f32", 1][3:]))
+        print(f"{key[0]:26} {key[1]:7} {times[0]:8.1f} {times[1]:8.1f} {times[2]:7.1f} {ratio:9.2f}")
 
 
-def main(recordings: list[str], frames: int, repeats: int, name: str) -> None:
+def main(recordings: list[str], frames: int, repeats: int, names: list[str]) -> None:
     if "bf16" not in list_precisions("openvino"):
         del ENGINES["openvino bf16"]
     packages = ", ".join(f"{package} {version(package)}" for package in ("onnxruntime", "openvino"))
     print(f"{describe_processor()}, {packages}, {date.today()}")
-    detectors = {key: DETECTORS[name](engine) for key, engine in ENGINES.items()}
-    reference = detectors.pop("cpu f32")
+    detectors = {f"{name} {key}": DETECTORS[name](engine) for name in names for key, engine in ENGINES.items()}
+    reference = detectors.pop(f"{names[0]} cpu f32")
     views = list(list_views(recordings, frames, reference))
     found = [count(reference(picture)) for picture, _ in views]
-    print(f"{len(views)} views\n{'engine':14} {'median px':>9} {'95 % px':>8} {'most dP':>8} {'same lines':>12}")
+    print(f"{len(views)} views\n{'engine':26} {'median px':>9} {'95 % px':>8} {'most dP':>8} {'same lines':>12}")
     for key, detector in detectors.items():
         moves, changes = zip(*(compare(detector, reference, view) for _, view in views), strict=True)
         low, high = np.percentile(np.concatenate(moves), [50, 95])
         same = sum(count(detector(picture)) == number for (picture, _), number in zip(views, found, strict=True))
-        print(f"{key:14} {low:9.4f} {high:8.4f} {max(changes):8.5f} {same:4} of {len(views)}", flush=True)
-    print_times(name, views[0][1][0], repeats)
+        print(f"{key:26} {low:9.4f} {high:8.4f} {max(changes):8.5f} {same:4} of {len(views)}", flush=True)
+    print_times(names, views[0][1][0], repeats)
 
 
 if __name__ == "__main__":
@@ -104,6 +107,6 @@ if __name__ == "__main__":
     parser.add_argument("recordings", nargs="+")
     parser.add_argument("--frames", type=int, default=15)
     parser.add_argument("--repeats", type=int, default=30)
-    parser.add_argument("--detector", default="hybrid")
+    parser.add_argument("--detectors", nargs="+", default=["hybrid", "hybrid-int8"])
     given = parser.parse_args()
-    main(given.recordings, given.frames, given.repeats, given.detector)
+    main(given.recordings, given.frames, given.repeats, given.detectors)

@@ -12,6 +12,7 @@ from scipy.spatial.transform import RigidTransform
 import deckline
 from approach_scene import CAMERA, LEFT, RIGHT, STILL, frame, points
 from deckline.cli.main import main
+from deckline.cli.run import unpack_sample
 from deckline.config import Models, RunConfig, RunwaySurvey, Tracking
 from deckline.dehaze.base import IdentityDehazer
 from deckline.detect import SearchingDetector
@@ -27,6 +28,7 @@ from deckline_sim import SimConfig, frames
 APPROACH = SimConfig(
     preset="paper", trajectory="approach", frames=6, visibility_m=(1200.0, 1200.0), seed=1001, start_m=300.0, end_m=40.0
 )
+BEGINNING = 20  # frames of the shipped approach, of 91
 SINGLE = replace(STILL, tracking=Tracking(enabled=False))
 
 
@@ -94,14 +96,21 @@ def test_demo_run_and_evaluation_give_the_same_guidance(tmp_path, monkeypatch):
         scored.append(guidance_record(result.guidance))
         return score_frame(result, approach)
 
+    def unpack_beginning(folder):
+        unpack_sample(folder)
+        log = folder / "airsim_rec.txt"
+        log.write_text("".join(log.read_text().splitlines(keepends=True)[: 1 + BEGINNING]))
+        return open_recording(folder)
+
     monkeypatch.setattr("deckline_lab.evaluation.chain.score_frame", record)
+    monkeypatch.setattr("deckline.cli.run.unpack_sample", unpack_beginning)
     assert main(["demo", "--out", str(tmp_path / "demo")]) == 0
     recording = str(tmp_path / "demo" / "approach")
     assert main(["run", recording, "--out", str(tmp_path / "run")]) == 0
     assert main(["eval", "recording", recording]) == 0
     written = ((tmp_path / at / "guidance.jsonl").read_text().splitlines() for at in ("demo", "run"))
     demo, run = ([json.loads(line) for line in lines] for lines in written)
-    assert len(scored) == 91
+    assert len(scored) == BEGINNING
     for one, other, evaluated in zip(demo, run, scored, strict=True):
         assert one["guidance"] == other["guidance"] == evaluated
         for key in ("status", "protection", "reason", "flags"):

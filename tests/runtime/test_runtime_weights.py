@@ -75,6 +75,6 @@ def test_a_bad_manifest_is_named(tmp_path: Path, text: str | None, named: str) -
 
 def test_package_ships_what_its_manifest_lists() -> None:
     models = shipped_models()
-    assert set(models) == {"hybrid", "ufld", "coarse-t"}
+    assert set(models) == {"hybrid", "hybrid-int8", "ufld", "coarse-t"}
     for name in models:
         assert shipped_weights(name).stat().st_size > 10_000

@@ -42,5 +42,6 @@ class Detector(Protocol):
 
 DETECTORS: dict[str, Callable[..., Detector]] = {  # from the `Engine` that computes a network
     "hybrid": lambda engine=CPU: OnnxDetector(shipped_weights("hybrid"), engine=engine),
+    "hybrid-int8": lambda engine=CPU: OnnxDetector(shipped_weights("hybrid-int8"), engine=engine),
     "ufld": lambda engine=CPU: OnnxDetector(shipped_weights("ufld"), engine=engine),
 }

@@ -55,7 +55,7 @@ def test_a_saved_table_is_printed(table, capsys):
         assert " ".join(text.split()) in words
 
 
-def test_table_4_is_trained_measured_and_drawn_in_pieces(data, called, monkeypatch, capsys):
+def test_table_4_is_trained_measured_and_drawn_in_pieces(data, no_tiles, called, monkeypatch, capsys):
     settings = {"RECIPE": SMALL, "FORMS": FORMS, "EVERY": 1, "COST_SIZE": (96, 64), "COST_RUNS": 1}
     for name, value in settings.items():
         monkeypatch.setattr(table4, name, value)
@@ -123,7 +123,7 @@ def test_the_papers_improvement_is_computed_from_its_errors():
     assert float(paper["intercept left"]) == pytest.approx(80.0, abs=0.05)
 
 
-def test_table_6_is_trained_flown_and_drawn(tmp_path, called, monkeypatch, capsys):
+def test_table_6_is_trained_flown_and_drawn(tmp_path, no_tiles, called, monkeypatch, capsys):
     size = ("--frames", "12", "--test", "4", "--width", "320", "--height", "180")
     assert main(["dataset", str(tmp_path / "data"), "--views", "landing", "--one-scene", "--no-tiles", *size]) == 0
     settings = {"RECIPE": f"steps = 1\n{table6.RECIPE}".replace("held_out = 0.02", "held_out = 0.2"), "VIEWS": 2}

@@ -79,7 +79,7 @@ def test_network_is_small_and_its_cells_lie_on_the_pyramid():
 
 
 @pytest.mark.parametrize("network", ["ufld", "hybrid"])
-def test_training_resumes_exports_and_names_a_frame_that_cannot_be_used(network, recording, tmp_path, capsys):
+def test_training_resumes_exports_and_names_a_frame_that_cannot_be_used(network, recording, tmp_path, no_tiles, capsys):
     config = replace(TINY, network=network)
     figures = train_detect(config, [recording], tmp_path)
     assert (figures["steps"], figures["views"]) == (2, 2)
@@ -92,7 +92,7 @@ def test_training_resumes_exports_and_names_a_frame_that_cannot_be_used(network,
     assert OnnxDetector(tmp_path / "detect.onnx").config.grid == RowGrid()
 
 
-def test_training_on_labelled_pictures_alone_exports_a_detector(tmp_path):
+def test_training_on_labelled_pictures_alone_exports_a_detector(tmp_path, no_tiles):
     for k in range(8):
         cv2.imwrite(str(tmp_path / f"{k}.png"), two_lines())
     sides = [LINES_PX] * 6 + [(LINES_PX[0], None), (None, None)]
