@@ -10,10 +10,11 @@ AIRLIGHT = np.array([0.70, 0.74, 0.80])
 HEIGHT, WIDTH, HORIZON = 180, 320, 60
 
 
-def textured_pair(beta: float) -> tuple[np.ndarray, np.ndarray]:
+def textured_pair(beta: float, colourless: float = 0.7) -> tuple[np.ndarray, np.ndarray]:
     """A patchwork of dark and coloured things below a sky, hazy and clear (H, W, 3), near at the bottom."""
     rng = np.random.default_rng(3)
-    patches = rng.uniform(0.0, 0.9, (HEIGHT // 6, WIDTH // 8, 3)) * rng.uniform(0.05, 1, (HEIGHT // 6, WIDTH // 8, 1))
+    size = HEIGHT // 6, WIDTH // 8
+    patches = rng.uniform(colourless, 1, (*size, 3)) * rng.uniform(0.04, 0.9, (*size, 1)) ** 2
     scene = np.kron(patches, np.ones((6, 8, 1)))
     range_m = 40.0 * HEIGHT / np.maximum(np.arange(HEIGHT) - HORIZON, 0.5)[:, None, None]
     t = np.exp(-beta * range_m) * np.ones((HEIGHT, WIDTH, 1))
@@ -44,6 +45,12 @@ def test_a_plain_sky_stays():
 def test_dark_places_show_that_there_is_no_haze():
     _, clear = textured_pair(0.004)
     assert psnr_db(VeilDehazer()(clear), clear) > 32
+
+
+def test_colours_show_that_there_is_no_haze():
+    colourful, grey = textured_pair(0.002, colourless=0.0)[0], textured_pair(0.002)[0]
+    assert psnr_db(VeilDehazer()(colourful), colourful) > 32
+    assert psnr_db(VeilDehazer()(grey), grey) < 27
 
 
 def test_more_strength_takes_off_more():

@@ -40,7 +40,9 @@ NIGHT = (0.1, 0.2)  # airlight, share of full scale: nothing is done, everything
 COLOURED = (0.35, 0.45)  # its saturation: haze, a blue sky or a sunset; 0.21 at most in 45 photographs of fog
 WARM = (0.1, 0.2)  # red less blue, over its brightest colour: haze, a low sun; 0.09 at most but for one sunrise
 DARKEST = (0.03, 0.2, 0.5)  # dark channel over airlight, 2nd percentile: no haze, haze; what that weighs
-MEAN = (0.22, 0.5, 0.7)  # its mean outside the sky: the same
+MEAN = (0.3, 0.55, 0.7)  # its mean outside the sky: the same
+COLOURS = (0.19, 0.28)  # mean saturation under a white airlight, outside the sky: haze, none
+LEAST_COLOUR = 0.05  # of the airlight: darker pixels have the noise's colours
 SCENE_SIGMA = 0.12  # of full scale: how much a scene varies about the airlight
 MIN_NOISE, NOISE_WEIGHT = 0.008, 1.5  # of full scale, 1-sigma; times what neighbours differ by
 GREY_SIGMA, COLOUR_SIGMA = 0.006, 0.025  # of the airlight's own grey and colour, of full scale
@@ -127,7 +129,7 @@ def estimate_air(image: Image, noise: float, config: VeilConfig) -> Air:
     # An opening of the smallest channel follows edges better than its minimum alone.
     opened = cv2.dilate(dark_channel(ratio, patch), np.ones((patch, patch), np.uint8))
     dark = cv2.GaussianBlur(opened, (0, 0), patch / 2).clip(0, 1)
-    strength = config.strength * _haziness(dark[~air.sky], airlight.mean(axis=(0, 1)))
+    strength = config.strength * _haziness(dark[~air.sky], ratio[~air.sky], airlight.mean(axis=(0, 1)))
     veil = strength * np.clip((dark - config.darkest) / (1 - config.darkest), 0, 1)
     veil = np.minimum(veil, own_veil(image, airlight)).clip(0)
     grey = image.mean(axis=2)
@@ -146,11 +148,12 @@ def detail_certainty(grey: Image) -> Image:
     return np.asarray(spread / (spread + np.float32(DETAIL)), dtype=np.float32)
 
 
-def _haziness(dark: Image, airlight: Image) -> float:
-    """How surely an image is hazy, 0 to 1.
+def _haziness(dark: Image, ratio: Image, airlight: Image) -> float:
+    """How surely an image is hazy, 0 to 1. A colourful scene is not: haze takes colours away.
 
     Args:
         dark: (N,) its dark channel over the airlight, outside the sky.
+        ratio: (N, 3) its colours over the airlight, outside the sky.
         airlight: (3,) mean, of full scale; haze has little colour.
     """
     if not len(dark):
@@ -161,7 +164,9 @@ def _haziness(dark: Image, airlight: Image) -> float:
     ]
     coloured = linear_step(float(np.ptp(airlight) / airlight.max()), *COLOURED)
     warm = linear_step(float((airlight[0] - airlight[2]) / airlight.max()), *WARM)
-    return min(1.0, sum(parts)) * linear_step(float(airlight.mean()), *NIGHT) * (1 - coloured) * (1 - warm)
+    colours = linear_step(float(np.mean(np.ptp(ratio, axis=1) / ratio.max(axis=1).clip(LEAST_COLOUR))), *COLOURS)
+    sure = min(1.0, sum(parts)) * linear_step(float(airlight.mean()), *NIGHT)
+    return sure * (1 - coloured) * (1 - warm) * (1 - colours)
 
 
 def estimate_scene(image: Image, airlight: Image, sigma: Image, slope: Image, offset: Image, noise: float) -> Image:
