@@ -1,7 +1,7 @@
 """The rows of the paper's Table 5: what differs between them, and their training."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,10 +11,9 @@ import numpy as np
 from deckline.recording import open_recording
 from deckline_lab.train.checkpoint import read_progress
 from deckline_lab.train.clear_views import shrink
-from deckline_lab.train.dehaze import ONNX_FILE, DehazeTrainConfig, build_ours, train_dehaze
+from deckline_lab.train.dehaze import ONNX_FILE, DehazeTrainConfig, train_dehaze
 from deckline_lab.train.dehaze_network import Attention, Transformer
 from deckline_lab.train.dehaze_samples import HazeAugmentation
-from deckline_lab.train.export import network_cost
 from deckline_lab.train.loop import BUDGET, MACHINE, is_finished
 
 FLIP = 0.5  # probability, horizontal and vertical each; Li et al. 2024, section 4.1.1
@@ -118,7 +117,7 @@ def train_rows(trainings: Sequence[Training], recording: Path) -> dict[str, dict
     """Train what is not finished, in order, on pairs with depth; the same call goes on.
 
     Returns:
-        parameters, macs_256, steps and minutes (means over the seeds) of each row, by key.
+        steps and minutes (means over the seeds) of each row, by key.
     """
     spent: dict[str, list[dict[str, float]]] = {}
     for k, training in enumerate(trainings, 1):
@@ -128,16 +127,12 @@ def train_rows(trainings: Sequence[Training], recording: Path) -> dict[str, dict
             print("finished before", flush=True)
         else:
             train_dehaze(recipe, [recording], folder)
-        progress, cost = read_progress(folder) or {}, network_cost(build_ours(recipe))
-        figures = {"parameters": cost.parameters, "macs_256": cost.macs}
-        spent.setdefault(row.key, []).append(
-            {**figures, "steps": progress["step"], "minutes": progress["seconds"] / 60}
-        )
-    return {key: _means(figures) for key, figures in spent.items()}
-
-
-def _means(figures: Sequence[Mapping[str, float]]) -> dict[str, float]:
-    return {name: float(np.mean([each[name] for each in figures])) for name in figures[0]}
+        progress = read_progress(folder) or {}
+        spent.setdefault(row.key, []).append({"steps": progress["step"], "minutes": progress["seconds"] / 60})
+    return {
+        key: {name: float(np.mean([each[name] for each in figures])) for name in figures[0]}
+        for key, figures in spent.items()
+    }
 
 
 def check_pairs(recording: Path, held_out: float) -> tuple[int, int]:

@@ -90,13 +90,13 @@ def ablation(
     size = trained.check_pairs(pairs, base.held_out)
     trainings = trained.list_trainings(base, size, config.seeds, out)
     with Store(out, IMAGES_FILE, trained.describe_rows(base, pairs)) as store:
-        costs = trained.train_rows(trainings, pairs)
+        spent = trained.train_rows(trainings, pairs)
         dehazers: dict[str, list[OnnxDehazer | None]] = {HAZY: [None]}
         for each in trainings:
             file, engine = each.folder / trained.ONNX_FILE, Engine(threads=config.threads or None)
             dehazers.setdefault(each.row.key, []).append(OnnxDehazer(file, engine=engine))
         scores = measure(dehazers, test, base.working_long_side_px, store)
-    rows = [row | costs.get(row["row"], {}) for row in summarise_rows(scores)]
+    rows = [row | _sizes(dehazers[row["row"]][0]) | spent.get(row["row"], {}) for row in summarise_rows(scores)]
     names = {HAZY: ("hazy, left as it is", MISSING)}
     names |= {row.key: (row.name, number(row.paper_psnr_db, ".2f")) for row in trained.ROWS}
     table = Table("the paper's Table 5", COLUMNS, [_cells(row, *names[row["row"]]) for row in rows], (CAPTION,))
@@ -186,6 +186,12 @@ def _array(
     """A figure (T, N) of each training and image; of the images that all have when none are given."""
     chosen = _common_images(trainings, figure) if images is None else images
     return np.array([[each[image][figure] for image in chosen] for each in trainings], np.float64)
+
+
+def _sizes(dehazer: OnnxDehazer | None) -> dict[str, float]:
+    """Parameters, and multiply-accumulates at 256x256, as the network's file states them."""
+    cost = None if dehazer is None else dehazer.cost
+    return {} if cost is None else {"parameters": float(cost[0]), "macs_256": float(cost[1])}
 
 
 def _cells(row: Mapping[str, Any], name: str, paper: str) -> list[str]:

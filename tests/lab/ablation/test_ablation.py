@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise, product
 from pathlib import Path
@@ -14,6 +15,7 @@ from clear_scene import clear_recording, hazy_recording, interrupting
 from deckline.cli.main import main
 from deckline.config import Engine
 from deckline.dehaze import OnnxDehazer
+from deckline_lab.ablation import rows
 from deckline_lab.ablation.rows import ROWS, Training, base_recipe, check_pairs, list_trainings, row_recipe
 from deckline_lab.ablation.table import HAZY, measure, summarise_rows
 from deckline_lab.datasets.tiles import tile_corners
@@ -28,6 +30,7 @@ from deckline_lab.train.export import network_cost
 from deckline_lab.train.loop import is_finished
 from deckline_lab.train.pair_views import open_clear_views
 
+TRAINED = (ROWS[0], ROWS[-1])  # rows that are trained here: they differ in every part
 SIZE = (64, 96)  # height and width of the pictures, px
 OPTIONS = ["--steps", "2", "--sub-image-px", "48", "--seeds", "0", "1", "--recorded-share", "0", "--threads", "1"]
 BASE = base_recipe(None, 2, "t", 4, 0.0, 48, batch=2, lr=5e-4, threads=1, device="cpu", cpu_minutes=False)
@@ -43,6 +46,13 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for split, frames in (("train", 12), ("test", 3)):
         hazy_recording(folder / split, frames)
     return folder
+
+
+@pytest.fixture(scope="module", autouse=True)
+def two_rows() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(rows, "ROWS", TRAINED)
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -86,10 +96,10 @@ def test_a_row_sees_whole_pictures_or_flipped_sub_images_in_the_haze_that_it_is_
 
 def test_the_table_holds_the_figures_of_the_trained_networks(dataset: Path, trained: Path) -> None:
     table = json.loads((trained / "ablation.json").read_text())
-    assert [row["row"] for row in table["rows"]] == [HAZY, *(row.key for row in ROWS)]
+    assert [row["row"] for row in table["rows"]] == [HAZY, *(row.key for row in TRAINED)]
     test, above = open_pairs(dataset / "test"), np.empty((0, 3))
     pairs = [test.load(key) for key in test.keys]
-    for row, entry in zip([None, *ROWS], table["rows"], strict=True):
+    for row, entry in zip([None, *TRAINED], table["rows"], strict=True):
         mine = [training for training in trainings(trained) if training.row is row]
         dehazers = [OnnxDehazer(each.folder / "dehaze.onnx", engine=Engine(threads=1)) for each in mine]
         pictures = [[dehazer(pair.frame.image_rgb) for pair in pairs] for dehazer in dehazers]
@@ -124,7 +134,7 @@ def test_rows_are_trained_and_measured_once(
     before = {path: path.read_bytes() for path in trained.rglob("*") if path.suffix in (".onnx", ".jsonl")}
     assert main(command) == 0
     shown = capsys.readouterr().out
-    assert shown.count("finished before") == 10 == len(trainings(trained))
+    assert shown.count("finished before") == 4 == len(trainings(trained))
     assert trainings(trained)[-1].folder.name == "redrawn-1"
     assert {path: path.read_bytes() for path in before} == before
     assert main([*command, "--batch", "1"]) == 2
