@@ -30,13 +30,13 @@ SHOWN = (GOOD, Outcome.BOLTER, Outcome.WAVE_OFF, Outcome.RAMP_STRIKE)  # shares 
 MARGIN_M = 25.0  # of deck around the touchdowns
 PART = 0.98  # of the width between two groups that their series share
 MOST_CELLS = 12  # ellipses that a picture can hold
-DPI = 130
+WIDTH_IN, DPI = 11.0, 130
 Group = tuple[str, str, CellSummary]  # on the axis, of the series, and its landings
 
 
 def draw_touchdowns(plan: CampaignPlan, landings: Sequence[FlownLanding]) -> str:
     """Every touchdown on the deck's plan, landing from the left; PNG as base64 text."""
-    figure, axis = open_figure(11, 4.6)
+    figure, axis = open_figure(4.6)
     draw_deck(axis, surroundings(plan.landing, 0).deck)
     for outcome, colour in COLOURS.items():
         points = _touchdowns([landing for landing in landings if landing.outcome == outcome])
@@ -53,7 +53,7 @@ def draw_touchdowns(plan: CampaignPlan, landings: Sequence[FlownLanding]) -> str
 
 def draw_dispersion(plan: CampaignPlan, landings: Sequence[FlownLanding]) -> str:
     """The ellipse of 95 % of the touchdowns of each cell, if they are normally distributed; PNG as base64 text."""
-    figure, axis = open_figure(11, 4.6)
+    figure, axis = open_figure(4.6)
     radius = np.sqrt(chi2.ppf(CONFIDENCE, 2))
     turn = np.linspace(0, 2 * np.pi, 100)
     for number, cell in enumerate(plan.cells[:MOST_CELLS]):
@@ -78,7 +78,7 @@ def draw_dispersion(plan: CampaignPlan, landings: Sequence[FlownLanding]) -> str
 
 def draw_shares(groups: Sequence[Group], axis_name: str, series_name: str) -> str:
     """Shares with their 95 % intervals, a panel an event, a colour a series; PNG as base64 text."""
-    figure, panels = open_figure(11, 6.2, 2, 2)
+    figure, panels = open_figure(6.2, 2, 2)
     names = list(dict.fromkeys(name for name, _, _ in groups))
     series = list(dict.fromkeys(name for _, name, _ in groups))
     for panel, event in zip(panels.ravel(), SHOWN, strict=True):
@@ -124,11 +124,11 @@ def _touchdowns(landings: Sequence[FlownLanding]) -> NDArray[np.float64]:
     return np.array(places, dtype=np.float64).reshape(-1, 2)
 
 
-def open_figure(width_in: float, height_in: float, *grid: int) -> tuple[Any, Any]:
+def open_figure(height_in: float, *grid: int) -> tuple[Any, Any]:
     """A figure and its axes, one or a grid of rows and columns."""
     with needs_extra("viz"):
         from matplotlib.figure import Figure
-    figure = Figure(figsize=(width_in, height_in), dpi=DPI, layout="constrained")
+    figure = Figure(figsize=(WIDTH_IN, height_in), dpi=DPI, layout="constrained")
     return figure, figure.subplots(*grid, squeeze=not grid)
 
 

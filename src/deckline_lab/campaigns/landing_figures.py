@@ -21,7 +21,7 @@ TRUTH, MEASURED, LIMIT = "#c24e00", "#0072b2", "#b3245e"  # as in the report of 
 def draw_touchdown(filmed: FilmedLanding) -> str:
     """Path of the hook over the deck and its touchdown, from above; PNG as base64 text."""
     deck, landing = filmed.scene.deck, filmed.landing
-    figure, axis = open_figure(11, 4.6)
+    figure, axis = open_figure(4.6)
     draw_deck(axis, deck)
     path = true_deviations(filmed)
     axis.plot(-path[:, 1] - deck.touchdown_m, path[:, 2], color=TRUTH, linewidth=1.5, label="hook, true")
@@ -38,7 +38,7 @@ def draw_touchdown(filmed: FilmedLanding) -> str:
 
 def draw_profile(filmed: FilmedLanding) -> str:
     """Lateral deviation and height above the glideslope over the distance; PNG as base64 text."""
-    figure, axes = open_figure(11, 6.4, 2, 1)
+    figure, axes = open_figure(6.4, 2, 1)
     truth, aim_m = true_deviations(filmed), filmed.scene.deck.touchdown_m
     answers = [answer for answer in filmed.answers if answer.lateral_deviation_m is not None]
     distance = np.interp([answer.time_s for answer in answers], truth[:, 0], truth[:, 1])
@@ -67,7 +67,7 @@ def draw_profile(filmed: FilmedLanding) -> str:
 
 def draw_statuses(answers: Sequence[Guidance]) -> str:
     """What guidance was worth, over time; PNG as base64 text."""
-    figure, axis = open_figure(11, 2.4)
+    figure, axis = open_figure(2.4)
     words = [str(status) for status in Status]
     for number, status in enumerate(Status):
         times = [answer.time_s for answer in answers if answer.status is status]

@@ -10,7 +10,7 @@ import numpy as np
 import tyro
 from numpy.typing import NDArray
 
-from deckline.config import Approach, Models, RunConfig, Tracking
+from deckline.config import Approach, Models, RunConfig
 from deckline.dehaze import dehaze_frame
 from deckline.flight import Flight, FrameResult
 from deckline.options import RunOptions
@@ -64,15 +64,14 @@ class FrameScore:
     errors: Figures  # by dotted name; those that do not exist are left out
 
 
-def single_frames(config: RunConfig | None = None) -> RunConfig:
+def single_frames(config: RunConfig) -> RunConfig:
     """The same configuration for unrelated frames: without a track."""
-    config = config or RunConfig()
     return replace(config, tracking=replace(config.tracking, enabled=False))
 
 
 def single_frames_with(dehazer: str, detector: str) -> RunConfig:
     """The default configuration for unrelated frames with other models."""
-    return RunConfig(models=Models(dehazer, detector, "dehazed"), tracking=Tracking(enabled=False))
+    return single_frames(RunConfig(models=Models(dehazer, detector, "dehazed")))
 
 
 def chain(

@@ -105,7 +105,7 @@ def _left_is_left(lines: Mapping[str, Line | None]) -> bool:
     return float(interpolate_rows(left, middle)[0]) < float(interpolate_rows(right, middle)[0])
 
 
-def draw_runway_prior(frame: Frame, sigma_m: float, seed: int = 0) -> RunwayPrior | None:
+def draw_runway_prior(frame: Frame, sigma_m: float) -> RunwayPrior | None:
     """The true runway with drawn errors of position and azimuth; in a frame without a runway, a false one in view.
 
     A frame draws the same whatever others do. None without truth or pose. `sigma_m` is of the position along world x
@@ -114,7 +114,7 @@ def draw_runway_prior(frame: Frame, sigma_m: float, seed: int = 0) -> RunwayPrio
     pose = frame.true_world_from_camera
     if frame.truth is None or pose is None:
         return None
-    rng = np.random.default_rng([seed, zlib.crc32(frame.file.encode())])
+    rng = np.random.default_rng([0, zlib.crc32(frame.file.encode())])
     if frame.truth.left is None or frame.truth.right is None:
         left, right = _false_runway(pose, frame, rng)
     else:

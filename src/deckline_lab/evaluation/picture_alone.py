@@ -182,12 +182,8 @@ def _error_table(name: str, scores: Sequence[PictureScore]) -> Table:
     for band, members in by_band(scores, lambda score: score.range_m, BANDS_M, short=True).items():
         cells = []
         for quantity in QUANTITIES:
-            found = np.array([score.errors[quantity] for score in members if quantity in score.errors])
-            if not len(found):
-                cells += [MISSING, MISSING]
-                continue
-            inside = float((np.abs(found[:, 0]) <= NORMAL_95 * found[:, 1]).mean())
-            cells += [number(float(np.percentile(np.abs(found[:, 0]), 90)), ".2f"), f"{100 * inside:.0f} %"]
+            found = _size_and_coverage(members, quantity)
+            cells += [MISSING, MISSING] if found is None else [number(found[0], ".2f"), f"{100 * found[1]:.0f} %"]
         rows.append((band, str(len(members)), *cells))
     columns = [column for quantity in QUANTITIES for column in (f"{quantity}, 90 %", "in its 95 %")]
     return Table(
@@ -195,6 +191,15 @@ def _error_table(name: str, scores: Sequence[PictureScore]) -> Table:
         ("range to the ramp", "frames", *columns),
         rows,
     )
+
+
+def _size_and_coverage(scores: Sequence[PictureScore], quantity: str) -> tuple[float, float] | None:
+    """The error at 90 % of the frames, and the share inside the stated 95 % interval; None without any error."""
+    found = np.array([score.errors[quantity] for score in scores if quantity in score.errors])
+    if not len(found):
+        return None
+    sizes = np.abs(found[:, 0])
+    return float(np.percentile(sizes, 90)), float((sizes <= NORMAL_95 * found[:, 1]).mean())
 
 
 def _status_table(scores: Sequence[PictureScore]) -> Table:
@@ -211,9 +216,7 @@ def _figures(groups: dict[str, list[PictureScore]]) -> Figures:
     for name, scores in groups.items():
         for band, members in by_band(scores, lambda score: score.range_m, BANDS_M, short=True).items():
             for quantity in QUANTITIES:
-                found = np.array([score.errors[quantity] for score in members if quantity in score.errors])
-                if len(found):
+                if (found := _size_and_coverage(members, quantity)) is not None:
                     key = f"{name}.{band}.{quantity}"
-                    figures[f"{key}.p90"] = float(np.percentile(np.abs(found[:, 0]), 90))
-                    figures[f"{key}.inside_95"] = float((np.abs(found[:, 0]) <= NORMAL_95 * found[:, 1]).mean())
+                    figures[f"{key}.p90"], figures[f"{key}.inside_95"] = found
     return figures

@@ -163,7 +163,6 @@ def write_figure(path: Path, title: str, scores: Sequence[LocalizationScore]) ->
         ImportError: the viz extra is not installed.
     """
     with needs_extra("viz"):
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
     known = [score for score in scores if "centre.lateral_m" in score.figures]
     if not known:
@@ -175,7 +174,6 @@ def write_figure(path: Path, title: str, scores: Sequence[LocalizationScore]) ->
     axes[0].set_title(title)
     axes[len(PANELS) - 1].set_xlabel("range to the ramp, m")
     _histogram(axes[-1], known)
-    FigureCanvasAgg(figure)
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png")
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -25,7 +25,6 @@ from deckline_lab.labels.lines import (
 )
 
 CATEGORY = "runway"
-VISIBLE = 2  # flag of a keypoint that is labelled and seen; 0 is not labelled
 USUAL_NAMES = ("annotations.json", "annotations/*.json", "*.json")  # in a data set's folder
 
 
@@ -51,7 +50,7 @@ def write_coco(path: Path, images: Sequence[LabelledImage], line_points: int = 9
 
 
 def _make_annotation(number: int, image: LabelledImage, line_points: int) -> dict[str, Any]:
-    keypoints = make_keypoints(list(image.lines.values()), line_points, VISIBLE).round(DECIMALS)
+    keypoints = make_keypoints(list(image.lines.values()), line_points).round(DECIMALS)
     labelled = keypoints[keypoints[:, :, 2] > 0][:, :2]
     low, size = labelled.min(axis=0), np.ptp(labelled, axis=0)
     return {

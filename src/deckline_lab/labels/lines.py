@@ -21,6 +21,7 @@ from deckline.types import SIDES
 
 LABELS_FILE = "labels.json"
 FARTHEST_PX = 1e6  # of a labelled point from the image's corner
+VISIBLE = 2  # flag of a keypoint that is labelled and seen; 0 is not labelled
 DECIMALS = 3  # of u and v that are written, px
 Line = NDArray[np.float64]  # (N, 2) u, v in order along the line, N >= 2, px
 Labels = dict[str, Line | None]  # side -> labelled line, None: no such line
@@ -161,13 +162,13 @@ def name_keypoints(line_points: int) -> list[str]:
     return [f"{side}_{k}" for side in SIDES for k in range(1, line_points + 1)]
 
 
-def make_keypoints(lines: Sequence[Line | None], line_points: int, visible: int) -> NDArray[np.float64]:
-    """Keypoints (2, line_points, 3) u, v, px, and flag `visible`, evenly spaced along each line; zeros without one."""
+def make_keypoints(lines: Sequence[Line | None], line_points: int) -> NDArray[np.float64]:
+    """Keypoints (2, line_points, 3) u, v, px, and VISIBLE, evenly spaced along each line; zeros without one."""
     keypoints = np.zeros((len(SIDES), line_points, 3))
     for side, line in enumerate(lines):
         if line is not None:
             keypoints[side, :, :2] = resample(line, line_points)
-            keypoints[side, :, 2] = visible
+            keypoints[side, :, 2] = VISIBLE
     return keypoints
 
 

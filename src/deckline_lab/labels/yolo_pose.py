@@ -37,7 +37,6 @@ CLASSES_FILE = "classes.txt"  # that labelling tools leave among the labels
 BOX = 5  # numbers of a row before its keypoints: class, box
 DECIMALS = 7  # of written shares: 0.001 px of 10,000
 VISIBILITIES = (0.0, 1.0, 2.0)
-VISIBLE = 2
 
 
 def read_yolo_pose(path: Path, names: Sequence[str] = ()) -> LabelSet:
@@ -117,7 +116,7 @@ def write_yolo_pose(out: Path, images: Sequence[LabelledImage], line_points: int
 def _format_row(image: LabelledImage, line_points: int) -> str:
     """The image's row; an empty text without lines."""
     parts = [None if line is None else _cut_to_picture(line, image.size) for line in image.lines.values()]
-    keypoints = make_keypoints(parts, line_points, VISIBLE)
+    keypoints = make_keypoints(parts, line_points)
     keypoints[..., :2] = np.where(keypoints[..., 2:] > 0, (keypoints[..., :2] + 0.5) / image.size, 0.0)
     seen = keypoints[keypoints[:, :, 2] > 0][:, :2]
     if not len(seen):

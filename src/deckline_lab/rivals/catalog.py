@@ -42,11 +42,13 @@ def flight_from_config(config: RunConfig, **parts: Any) -> Flight:
         ("detector", RIVAL_DETECTORS, ALL_DETECTORS),
     ):
         name = getattr(config.models, part)
-        if parts.get(part) is None and name in rivals:
+        if parts.get(part) is not None:
+            continue
+        if name in rivals:
             parts[part] = rivals[name](config.engine)
-        elif parts.get(part) is None and part == "detector" and name.endswith(".onnx"):
+        elif part == "detector" and name.endswith(".onnx"):
             parts[part] = OnnxDetector(Path(name), engine=config.engine, compare=True)
-        elif parts.get(part) is None and name not in known and not name.endswith(".onnx"):
+        elif name not in known and not name.endswith(".onnx"):
             names = ", ".join(known)
             raise ValueError(f"unknown {part} {name!r}: use one of {names}, or the path of an .onnx file")
     return Flight.from_config(config, **parts)

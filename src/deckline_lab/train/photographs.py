@@ -62,8 +62,8 @@ def _without_islands(sky: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return sky | ~np.isin(labels, np.unique(labels[-1][~sky[-1]]))
 
 
-def open_photographs(folder: Path, long_side_px: int, held_out: float, train: bool = True) -> Views[ClearView]:
-    """The photographs of a folder as clear views with made-up ranges; the parts are those of `Views`.
+def open_photographs(folder: Path, long_side_px: int, held_out: float) -> Views[ClearView]:
+    """The photographs of a folder as clear views with made-up ranges, those for training.
 
     Raises:
         ValueError: no pictures in it.
@@ -76,7 +76,7 @@ def open_photographs(folder: Path, long_side_px: int, held_out: float, train: bo
         camera = Camera.unknown(clear.shape[1], clear.shape[0])
         return ClearView(clear, ranges.astype(np.float16), horizon_colour(clear, ranges), camera)
 
-    return Views({folder: (count, load)}, [folder], held_out, train)
+    return Views({folder: (count, load)}, [folder], held_out, train=True)
 
 
 def add_camera_air(
