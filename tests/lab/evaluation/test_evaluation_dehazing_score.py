@@ -167,21 +167,15 @@ def results(**changes) -> DehazingResults:
     return replace(plain, **changes)
 
 
-def costs_of(net: Cost) -> dict[str, Cost]:
-    return {"none": Cost(0.05, 10 * 2.0**20), "[net]": net}
-
-
 def cases() -> dict[str, DehazingResults]:
     wet = [replace(one, film="rain") for one in scores("none", 10.0, True)]
     both = [*scores("none", 10.0, True), *scores("[net]", 14.0, True)]
     single = [*scores("none", 10.0, True)[:1], *scores("[net]", 14.0, True)[:1]]
-    costs = costs_of(Cost(0.2, 40 * 2.0**20))
+    costs = {"none": Cost(0.05, 10 * 2.0**20), "[net]": Cost(0.2, 40 * 2.0**20)}
     return {
         "plain": results(),  # higher PSNR, worse lines
-        "rain": results(film=summarise_film(wet, "[net]")),
-        "good_lines": results(summaries=summarise(both, "none")),
-        "cost": results(costs=costs),
-        "cost_to_nothing": results(costs=costs, reference="none"),
+        "rain": results(film=summarise_film(wet, "[net]"), costs=costs),
+        "good_lines": results(summaries=summarise(both, "none"), costs=costs, reference="none"),
         "no_cost": results(costs={"[net]": Cost(0.2, None)}, failed={"none": "no memory"}),
         "one_pair": results(skipped=(("/a: 9.png", "cut short"),), summaries=summarise(single, "none")),
     }

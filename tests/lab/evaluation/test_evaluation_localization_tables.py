@@ -116,10 +116,10 @@ def frame(method: str, approach: int, index: int, scale: float) -> LocalizationS
     return LocalizationScore(approach, index, method, 100.0 + 100.0 * index, 800.0, mode, figures)
 
 
-def all_scores(scales=(10.0, 1.0, 1.0)) -> dict[str, list[LocalizationScore]]:
+def all_scores() -> dict[str, list[LocalizationScore]]:
     named = {
         method.name: [frame(method.name, k, index, scale) for k in range(2) for index in range(3)]
-        for method, scale in zip(METHODS, scales, strict=True)
+        for method, scale in zip(METHODS, (10.0, 1.0, 1.0), strict=True)
     }
     levels = {"protection.lateral_m": 0.5, "protection.height_m": 0.4, "flagged": 0.0}
     named["ours, tracked"] = [replace(one, figures=one.figures | levels) for one in named["ours, tracked"]]
@@ -140,10 +140,7 @@ def mixed_scores() -> dict[str, list[LocalizationScore]]:
     return given
 
 
-@pytest.mark.parametrize(
-    ("name", "scores"),
-    [("plain", all_scores()), ("coarse", all_scores((20.0, 1.0, 1.0))), ("mixed", mixed_scores())],
-)
+@pytest.mark.parametrize(("name", "scores"), [("plain", all_scores()), ("mixed", mixed_scores())])
 def test_tables_and_figures_of_known_scores(name, scores):
     results = {"tables": localization_tables(scores, METHODS), "figures": flat_figures(scores)}
     check_golden(GOLDEN / f"localization_{name}.json", results)

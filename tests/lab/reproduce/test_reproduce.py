@@ -8,6 +8,7 @@ import pytest
 from clear_scene import hazy_recording
 from deckline.cli.main import main
 from deckline.recording.images import read_image
+from deckline_lab.ablation import rows
 from deckline_lab.ablation.rows import ROWS
 from deckline_lab.evaluation import dehazers, visible_distance
 from deckline_lab.evaluation.tables import Table, read_saved
@@ -15,9 +16,21 @@ from deckline_lab.reproduce import figures, line_figures, runs, table4, table5, 
 from deckline_lab.reproduce.command import SAVED
 from deckline_lab.reproduce.table6 import with_paper_6
 
-SMALL = table4.RECIPE.replace("256", "48").replace("held_out = 0.02", "held_out = 0.1\nsteps = 2")
+SMALL = table4.RECIPE.replace("256", "48").replace("held_out = 0.02", "held_out = 0.2\nsteps = 2")
+SMALL_6 = """steps = 1
+batch = 2
+held_out = 0.2
+cpu_minutes = true
+[shape]
+frozen_blocks = 5
+[shape.grid]
+width = 128
+height = 64
+cells = 32
+rows = 16
+"""
 MODULES = {"table4": table4, "table5": table5, "table6": table6}
-FORMS = {"printed": ("full-t", "dehaze-former-t"), "coarse": ("coarse-t", "dehaze-former-t-coarse")}
+FORMS = {"printed": ("full-t", "aod-net"), "coarse": ("coarse-t", "aod-net-coarse")}
 
 
 @pytest.fixture(scope="module")
@@ -71,12 +84,13 @@ def test_table_4_is_trained_measured_and_drawn_in_pieces(data, no_tiles, called,
     assert saved.command == f"deckline {' '.join(command)}"
     for row in table[1:]:
         assert row["steps"] == "2" and float(row["PSNR, dB"]) > 5 and float(row["ms"]) > 0
+        assert ("[" in row["to ours [95 %], dB"]) == row["network"].startswith("aod-net")
+    for row in table[1::2]:
         assert float(row["GMACs 1280x720"]) > 3 * float(row["GMACs 256x256"]) > 0
-        assert ("[" in row["to ours [95 %], dB"]) == row["network"].startswith("dehaze-former")
-    assert [row["paper, dB"] for row in table] == ["-", "30.18", "29.11", "-", "-"]
-    counts = {row["network"]: float(row["parameters"].split()[0]) for row in table[1:]}
-    saving = 100 * (counts["full-t"] / counts["dehaze-former-t"] - 1)
-    assert any(f"parameters {saving:+.1f}" in note and "-29.44" in note for note in saved.tables[0].notes)
+    assert [row["paper, dB"] for row in table] == ["-", "30.18", "-", "-", "-"]
+    sizes = json.loads((data / "table4.json").read_text())["forms"]["printed"]["size"]
+    saving = 100 * (sizes["full-t"]["parameters"] / sizes["aod-net"]["parameters"] - 1)
+    assert any(f"parameters {saving:+.2f}" in note and "-29.44" in note for note in saved.tables[0].notes)
     assert read_image(data / "figures" / "figure12.jpg").shape == (6 * 240, 4 * 360, 3)
     assert (data / "figures" / "figure11.png").read_bytes().startswith(b"\x89PNG")
     called.clear()
@@ -88,14 +102,15 @@ def test_table_4_is_trained_measured_and_drawn_in_pieces(data, no_tiles, called,
 def test_table_5_trains_every_row_with_every_seed_for_the_same_steps(data, called, monkeypatch, capsys):
     monkeypatch.setattr(table5, "SEEDS", (3,))
     monkeypatch.setattr(table5, "SUB_IMAGE_PX", 48)
+    monkeypatch.setattr(rows, "ROWS", (ROWS[0], ROWS[-1]))
     command = ["reproduce", "table5", "--runs", str(data)]
     assert main([*command, "--minutes", "0.02", "--threads", "1"]) == 0
     shown = capsys.readouterr().out
-    assert sorted(path.name for path in (data / "table5").glob("*-3")) == sorted(f"{row.key}-3" for row in ROWS)
-    rows = read_saved(data / "table5.json").tables[0]
-    steps, paper = rows.columns.index("steps"), rows.columns.index("paper, dB")
-    assert [row[steps] for row in rows.rows] == ["-", *["2"] * 5]
-    assert [row[paper] for row in rows.rows] == ["-", "28.94", "29.46", "30.10", "30.18", "-"]
+    assert sorted(path.name for path in (data / "table5").glob("*-3")) == ["baseline-3", "redrawn-3"]
+    table = read_saved(data / "table5.json").tables[0]
+    steps, paper = table.columns.index("steps"), table.columns.index("paper, dB")
+    assert [row[steps] for row in table.rows] == ["-", "2", "2"]
+    assert [row[paper] for row in table.rows] == ["-", "28.94", "-"]
     called.clear()
     assert main(command) == 0
     assert shown.endswith(capsys.readouterr().out) and not called
@@ -124,9 +139,9 @@ def test_the_papers_improvement_is_computed_from_its_errors():
 
 
 def test_table_6_is_trained_flown_and_drawn(tmp_path, no_tiles, called, monkeypatch, capsys):
-    size = ("--frames", "12", "--test", "4", "--width", "320", "--height", "180")
+    size = ("--frames", "6", "--test", "2", "--width", "320", "--height", "180")
     assert main(["dataset", str(tmp_path / "data"), "--views", "landing", "--one-scene", "--no-tiles", *size]) == 0
-    settings = {"RECIPE": f"steps = 1\n{table6.RECIPE}".replace("held_out = 0.02", "held_out = 0.2"), "VIEWS": 2}
+    settings = {"RECIPE": SMALL_6, "VIEWS": 2}
     settings |= {"DETECTORS": {"sad": "sad-lite0", "ours": "hybrid"}, "AIR": ("clear",)}
     settings |= {"DECK_SEEDS": (1100,), "DECK_FRAMES": 2}
     settings |= {"FLIGHTS": ("--approaches", 1, "--frames", 2, "--range-m", 150, 80)}

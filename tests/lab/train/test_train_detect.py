@@ -104,7 +104,7 @@ def test_training_on_labelled_pictures_alone_exports_a_detector(tmp_path, no_til
     assert OnnxDetector(tmp_path / "out" / "detect.onnx").config.grid == RowGrid()
 
 
-def test_photographs_are_read_in_order_and_only_shrunk(recording, tmp_path):
+def test_photographs_are_read_in_order_and_only_shrunk(recording, tmp_path, no_tiles):
     with pytest.raises(ValueError, match=str(tmp_path)):
         load_backdrops(tmp_path)
     for name, shape in (("b.png", (3, 2)), ("c.png", (2000, 1500)), ("a.png", (20, 30))):

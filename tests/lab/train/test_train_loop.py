@@ -127,6 +127,11 @@ def test_averaged_weights_start_unbiased_and_then_lag() -> None:
     assert ema["weight"].item() == 1.0
 
 
+@pytest.fixture(scope="module")
+def no_curves() -> None:
+    """Here the losses are drawn."""
+
+
 def test_rows_are_the_smoothed_losses_and_now_and_then_the_held_out_one(tmp_path: Path) -> None:
     run = new_run(tmp_path, LONG)
     run_loop(run, LONG, held_out=(make(1000), make(1001)))
