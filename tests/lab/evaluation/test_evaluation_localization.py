@@ -2,6 +2,7 @@ import csv
 import json
 import sys
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -37,6 +38,7 @@ def sightings(blind: int | None = None):
         yield at, chain(at, () if k == blind else ("left", "right")).detection
 
 
+@cache
 def score_all(blind: int | None = None):
     return [score for scores in score_approach(sightings(blind), 3, METHODS, BENCH) for score in scores]
 
