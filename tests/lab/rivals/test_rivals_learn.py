@@ -1,4 +1,4 @@
-"""What every rival must be able to do: learn a deck's lines within a minute, from features of a frozen backbone."""
+"""What every rival must be able to do: learn a deck's lines in 40 steps, from features of a frozen backbone."""
 
 import tomllib
 from dataclasses import replace
@@ -29,8 +29,7 @@ from deckline_sim.simulate import ShipSimulator
 SHAPE = PyramidConfig(RowGrid(224, 128, 56, 32), frozen_blocks=BLOCKS)
 RECIPE = replace(config_from_table(DetectTrainConfig, tomllib.loads(table6.RECIPE)), shape=SHAPE)
 CLOSE = replace(RECIPE.augment, close_share=1.0, empty_share=0.1)
-DECKS, BATCH, TRAINING, HELD_OUT = 36, 8, 20, 4  # decks, views a batch, batches
-STEPS = {"ufld-lite0": 100, "sad-lite0": 60, "resa-lite0": 72}  # each less than a minute of one core
+DECKS, BATCH, TRAINING, HELD_OUT, STEPS = 36, 8, 12, 4, 40  # decks, views a batch, batches
 BOUND = {"ufld-lite0": 4.5, "sad-lite0": 2.5, "resa-lite0": 3.0}  # of the loss on held-out views
 FOUND = 0.6  # of held-out decks, both lines
 
@@ -54,8 +53,8 @@ def views():
     return [Views(parts, ["decks"], 0.25, train) for train in (True, False)]
 
 
-@pytest.mark.parametrize("name", list(STEPS))
-def test_a_rival_finds_the_lines_after_a_minute(name, views):
+@pytest.mark.parametrize("name", list(BOUND))
+def test_a_rival_soon_finds_the_lines(name, views):
     torch.manual_seed(0)
     model = DETECTORS[name](RECIPE)
     batches = [
@@ -80,7 +79,7 @@ def test_a_rival_finds_the_lines_after_a_minute(name, views):
 
     before = held_out()
     model.train()
-    for step in range(STEPS[name]):
+    for step in range(STEPS):
         optimizer.zero_grad()
         loss(0, step % TRAINING).backward()
         optimizer.step()
