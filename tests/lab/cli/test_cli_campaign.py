@@ -64,21 +64,14 @@ def test_the_first_landing_of_every_outcome_is_filmed_once(tmp_path, plan, monke
     assert f"films/{film.name}" in (out / "report.html").read_text()
 
 
-def test_one_line_for_a_plan_that_cannot_be_flown(tmp_path, plan, capsys):
-    plan.write_text(PLAN.replace("[factors]", 'guidance = "picture"\n[factors]'))
-    assert main(["campaign", str(plan), "--out", str(tmp_path / "out")]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "sight" in line
-    assert "picture" in line
-    assert not (tmp_path / "out").exists()
-
-
-def test_an_aircraft_that_cannot_be_trimmed(tmp_path, plan, capsys):
+@pytest.mark.parametrize(("key", "word"), [("guidance", "picture"), ("aircraft", "f15")])
+def test_one_line_for_a_plan_that_cannot_be_flown(tmp_path, plan, capsys, key, word):
     pytest.importorskip("jsbsim")
-    plan.write_text(PLAN.replace("[factors]", 'aircraft = "f15"\n[factors]'))
+    plan.write_text(PLAN.replace("[factors]", f'{key} = "{word}"\n[factors]'))
     assert main(["campaign", str(plan), "--out", str(tmp_path / "out")]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert "f15" in line
+    assert word in line
+    assert not (tmp_path / "out").exists()
 
 
 def test_workers():

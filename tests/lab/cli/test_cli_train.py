@@ -1,10 +1,9 @@
-"""`deckline train`: flags over a recipe, first weights by name, and how it ends."""
+"""`deckline train`: flags over a recipe, and first weights by name."""
 
 from pathlib import Path
 
 import pytest
 
-from clear_scene import clear_recording, interrupting
 from deckline.cli.main import main
 from deckline.config import Models
 from deckline.detect import DETECTORS, OnnxDetector
@@ -15,8 +14,6 @@ from deckline_lab.cli.recipe_flags import find_weights, make_recipe
 from deckline_lab.cli.train_dehaze import DehazeFlags
 from deckline_lab.cli.train_detect import DetectFlags
 from deckline_lab.rivals import LAB_WEIGHTS
-from deckline_lab.train import loop
-from deckline_lab.train.checkpoint import read_progress
 from deckline_lab.train.dehaze import DehazeTrainConfig
 from deckline_lab.train.detect import DetectTrainConfig
 
@@ -71,23 +68,6 @@ def test_first_weights_have_the_names_of_shipped_models():
     assert find_weights(None, "hybrid") is None
     with pytest.raises(ValueError, match="enet-sad"):
         find_weights("shipped", "enet-sad")
-
-
-def test_ctrl_c_ends_with_130_and_a_checkpoint(tmp_path, monkeypatch, capsys):
-    recording, out = clear_recording(tmp_path / "clear", 4), tmp_path / "out"
-    monkeypatch.setattr(loop, "_step", interrupting(loop._step, at=2))
-    size = ["--crop-height", "48", "--crop-width", "64", "--batch", "1", "--held-out", "0.25", "--threads", "1"]
-    assert main(["train", "dehaze", str(recording), "--out", str(out), "--steps", "9", *size]) == 130
-    progress = read_progress(out)
-    assert progress is not None and progress["step"] == 2
-    assert "step 2" in capsys.readouterr().err
-    assert not (out / "dehaze.onnx").exists()
-
-
-def test_a_missing_package_names_the_extra_that_brings_it():
-    message = r'no_such_package is not installed; run: pip install "deckline\[train\]"'
-    with pytest.raises(ImportError, match=message), needs_extra("train"):
-        import no_such_package  # noqa: F401
 
 
 def test_a_missing_module_of_our_own_stays_what_it_is():

@@ -153,7 +153,7 @@ def test_labelled_images_are_a_source_and_unlabelled_ones_are_not(tmp_path):
     assert item.load(0).ship == "labelled"
 
 
-def test_the_command_measures_the_shipped_detector_and_writes_what_it_is_asked_for(tmp_path, capsys):
+def test_the_command_measures_the_shipped_detector_and_writes_what_it_is_asked_for(tmp_path, no_tiles, capsys):
     folder, out = labelled_folder(tmp_path / "mine"), tmp_path / "out"
     files = ("--json", tmp_path / "f.json", "--markdown", tmp_path / "t.md", "--out", out, "--worst", "2")
     assert main(["eval", "detection", str(folder), "--dehazer", "none", *map(str, files)]) == 0

@@ -39,6 +39,8 @@ from refused import refuse
         ("detection nowhere --deckless -1", ["deckless", "-1"]),
         ("detection nowhere --prior-sigma-m -1", ["--prior-sigma-m", "-1"]),
         ("detection --frames 1 --preset titanic", ["titanic"]),
+        ("joined --approaches 0", ["--approaches", "0"]),
+        ("joined --frames 1", ["--frames", "1"]),
     ],
 )
 def test_wrong_options_are_named_in_one_line(capsys, command, named):

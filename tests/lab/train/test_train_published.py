@@ -42,11 +42,14 @@ def test_batches_are_squares_of_the_recorded_pairs_flipped(tmp_path: Path) -> No
     assert {sample.numpy().tobytes() for sample in samples} == flips
 
 
-def test_five_steps_of_the_recipe(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A smaller crop and batch apart; the sixth step never comes, and the last weights are those to export."""
+def test_five_steps_of_the_recipe(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A smaller crop and batch apart; Ctrl-C ends it in the fifth, and the last weights are those to export."""
     recording, out = hazy_recording(tmp_path / "pairs", frames=4), tmp_path / "out"
     monkeypatch.setattr(loop, "_step", interrupting(loop._step, at=5))
     assert main(["train", "dehaze", str(recording), "--recipe", "published", "--out", str(out), *SMALL]) == 130
+    assert "step 5" in capsys.readouterr().err and not (out / "dehaze.onnx").exists()
     progress = read_progress(out)
     assert progress is not None and progress["step"] == 5
     assert progress["recipe"] == replace(PUBLISHED, crop_height=32, crop_width=32, batch=2).identity()
