@@ -54,19 +54,19 @@ SHEET = SimSettings(preset="train", trajectory="random", frames=48, frames_per_s
 SERVED = SimSettings(visibility_m=CLEAR, depth=DepthConfig(range_m=math.inf))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SimFlags:
-    """The flags of `deckline sim`."""
+    """The flags of `deckline sim`; those without a default are settings."""
 
-    out: Path | None  # folder of the recording; with --serve, of the clients' recordings
-    contact_sheet: Path | None  # write this .png or .jpg of all the frames instead
-    serve: bool  # answer AirSim's clients until Ctrl-C
-    config: Path | None  # TOML file of settings
-    set: tuple[str, ...]  # settings as the file has them, such as exposure.rain_mm_h=10
-    print_config: bool  # print all settings as TOML and stop
-    jobs: int  # processes that render; 0: one for every core
-    ray: RayOption  # render as Ray tasks, on the cluster at ADDRESS, without it on one that is started here
-    image_format: ImageFormat  # png; ppm: large, quick to write; jpg: small, with losses
+    out: Path | None = None  # folder of the recording; with --serve, of the clients' recordings
+    contact_sheet: Path | None = None  # write this .png or .jpg of all the frames instead
+    serve: bool = False  # answer AirSim's clients until Ctrl-C
+    config: Path | None = None  # TOML file of settings
+    set: tuple[str, ...] = ()  # settings as the file has them, such as exposure.rain_mm_h=10
+    print_config: bool = False  # print all settings as TOML and stop
+    jobs: int = 1  # processes that render; 0: one for every core
+    ray: RayOption = None  # render as Ray tasks, on the cluster at ADDRESS, without it on one that is started here
+    image_format: ImageFormat = "png"  # png; ppm: large, quick to write; jpg: small, with losses
     preset: Preset  # the ship; train: random ships, light, weather, cameras
     trajectory: Trajectory  # one approach, the paper's profile, unrelated views
     frames: int  # how many
@@ -97,7 +97,7 @@ class SimFlags:
 def sim(args: Sequence[str]) -> int:
     """Parse and run `deckline sim ARGS`."""
     base = _read_settings(args)
-    default = SimFlags(None, None, False, None, (), False, 1, None, "png", **_setting_flags(base))
+    default = SimFlags(**_setting_flags(base))
     flags = tyro.cli(SimFlags, prog="deckline sim", description=SIM_HELP, args=args, default=default)
     settings = _apply_flags(base, flags)
     if flags.print_config:

@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
+from deckline.haze import triple
 from deckline.types import Frame, Truth
 from deckline_sim.camera.foreground import add_foreground
-from deckline_sim.camera.imaging import Imaging, Shot, Surroundings, triple
+from deckline_sim.camera.imaging import Imaging, Shot, Surroundings
 from deckline_sim.camera.lens import pinhole_for, random_lens
 from deckline_sim.camera.measure import measure_pose
 from deckline_sim.config import DRAWN, ImagingConfig, SimConfig, WeatherConfig, draw_visibility

@@ -167,8 +167,6 @@ class Shot:
     """(H, W, 3) without haze, rain, motion blur, noise and JPEG; None: not asked for."""
     depth_m: NDArray[np.float32]
     """(H, W) as the depth camera measures it, m along the axis; NaN without a measurement."""
-    true_depth_m: NDArray[np.float32]
-    """(H, W) m along the axis; NaN in the sky."""
     visibility_m: float
     """2 % contrast at the water, with the rain, m."""
     airlight_rgb: Triple
@@ -224,7 +222,6 @@ class Imaging:
             image_rgb=finish(image, sensor, frame),
             clear_rgb=clear if keep_clear else None,
             depth_m=measure_depth(taken.depth_m, config.depth, frame),
-            true_depth_m=taken.depth_m,
             visibility_m=visibility(scene, exposure),
             airlight_rgb=airlight,
             records={"model": model, "air": air.to_mapping(), "exposure": asdict(exposure), "sensor": asdict(sensor)},

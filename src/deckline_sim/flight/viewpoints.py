@@ -186,7 +186,7 @@ def draw_view(config: SimConfig, layout: Layout, rng: np.random.Generator) -> Vi
     wide = config.preset == "train"
     range_m, fov_rad = draw_range(config, layout, rng)
     length = axes(*layout.centre_m)[2]
-    usual = (1.5, 12.0) if wide and rng.random() < 0.3 else (2.0, 8.0)
+    usual = (1.5, 12.0) if wide and rng.random() < 0.3 else ELEVATION_DEG
     low, high = config.elevation_deg or usual
     height = max((range_m + TOUCHDOWN_M) * np.tan(np.deg2rad(rng.uniform(low, high))), RAMP_CLEARANCE_M)
     reach = 0.25 if wide else 0.2

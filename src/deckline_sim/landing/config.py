@@ -81,15 +81,12 @@ class LandingConfig:
     """A fault of the integrity campaign; None: none."""
 
     def __post_init__(self) -> None:
-        for name, kind in (
-            ("time_of_day", TimeOfDay),
-            ("navigation", NavigationGrade),
-            ("guidance", GuidanceSource),
-            ("sight", SightKind),
-        ):
-            check_choice(name, getattr(self, name), kind)
-        if self.ship not in SHIP_CLASSES or self.ship == "runway":
-            ships = tuple(name for name in SHIP_CLASSES if name != "runway")
+        check_choice("time_of_day", self.time_of_day, TimeOfDay)
+        check_choice("navigation", self.navigation, NavigationGrade)
+        check_choice("guidance", self.guidance, GuidanceSource)
+        check_choice("sight", self.sight, SightKind)
+        ships = tuple(name for name in SHIP_CLASSES if name != "runway")
+        if self.ship not in ships:
             raise ValueError(f"ship must be one of {ships}, got {self.ship!r}")
         if self.aircraft not in APPROACHES:
             raise ValueError(f"aircraft must be one of {', '.join(APPROACHES)}, got {self.aircraft!r}")

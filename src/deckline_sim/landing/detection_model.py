@@ -129,7 +129,7 @@ class DetectionModel:
 
 
 @cache
-def read_detection_model(path: Path = MODEL_FILE) -> DetectionModel:
-    """The model of a file; the shipped one without a path. A ValueError names an unknown or a missing key."""
-    data: dict[str, Any] = json.loads(path.read_text())
-    return config_from_table(DetectionModel, data["model"], source=str(path))
+def read_detection_model() -> DetectionModel:
+    """The shipped model."""
+    data: dict[str, Any] = json.loads(MODEL_FILE.read_text())
+    return config_from_table(DetectionModel, data["model"], source=str(MODEL_FILE))

@@ -15,7 +15,6 @@ from deckline.config import Approach
 from deckline.guide import add_approach
 from deckline.types import (
     DepthMode,
-    Diagnostics,
     Guidance,
     PoseSource,
     Protection,
@@ -31,7 +30,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Deviations:
-    """Where an aircraft is relative to a centre line, and how that changes.
+    """Where an aircraft is relative to a centre line, and how that changes; or the 1-sigma of each number.
 
     The height's rate has the deck's rise; the other two are relative to the ship under way, without its swing.
     """
@@ -85,37 +84,16 @@ def deviations(
     )
 
 
-@dataclass(frozen=True)
-class Accuracy:
-    """1-sigma of the numbers of `Deviations`, in their units."""
-
-    lateral_m: float
-    """m."""
-    height_m: float
-    """m."""
-    heading_rad: float
-    """rad."""
-    distance_m: float
-    """m."""
-    lateral_rate_m_s: float
-    """m/s."""
-    height_rate_m_s: float
-    """m/s."""
-    closing_m_s: float
-    """m/s."""
-
-
 def stated_guidance(
     time_s: float,
     found: Deviations,
-    accuracy: Accuracy,
+    sigma: Deviations,
     status: Status,
     protection: Protection | None,
     approach: Approach,
-    diagnostics: Diagnostics = (),
 ) -> Guidance:
-    """Guidance with these deviations, accuracies and levels."""
-    values = {name: Value(value, getattr(accuracy, name)) for name, value in vars(found).items()}
+    """Guidance with these deviations, their 1-sigma and protection levels."""
+    values = {name: Value(value, getattr(sigma, name)) for name, value in vars(found).items()}
     coasting = status in (Status.COASTING, Status.STALE)
     plain = Guidance(
         time_s,
@@ -125,7 +103,6 @@ def stated_guidance(
         heading_error_rad=values["heading_rad"],
         height_above_deck_m=values["height_m"],
         distance_to_ramp_m=values["distance_m"],
-        diagnostics=diagnostics,
         lateral_rate_m_s=values["lateral_rate_m_s"],
         height_rate_m_s=values["height_rate_m_s"],
         closing_m_s=values["closing_m_s"],

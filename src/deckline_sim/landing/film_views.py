@@ -60,7 +60,7 @@ def draw_outside(scene: Surroundings, sample: Sample, view: Viewpoint, take: Tak
     airlight = (255.0, 255.0, 255.0)
     if frame.truth is not None and frame.truth.airlight_rgb is not None:
         airlight = frame.truth.airlight_rgb
-    shown = draw_aircraft(
+    return draw_aircraft(
         resize(frame.image_rgb, PANEL_PX),
         airframe_mesh(scene.config.aircraft),
         sample.state.world_from_body,
@@ -69,7 +69,6 @@ def draw_outside(scene: Surroundings, sample: Sample, view: Viewpoint, take: Tak
         airlight,
         scene.config.visibility_m,
     )
-    return shown
 
 
 def _towards(sample: Sample, eye: NDArray[np.float64], aim: NDArray[np.float64], fov_deg: float) -> Viewpoint:

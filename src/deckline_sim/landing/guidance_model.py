@@ -68,18 +68,10 @@ class GuidanceModel:
 
 
 @cache
-def read_guidance_model(path: Path = MODEL_FILE) -> GuidanceModel:
-    """The model of a file; the shipped one without a path.
-
-    Raises:
-        ValueError: tables of another shape, or a key that is missing.
-    """
-    data: dict[str, Any] = json.loads(path.read_text())
-    missing = [field.name for field in fields(GuidanceModel) if field.name not in data]
-    if missing:
-        raise ValueError(f"{path}: {missing[0]} is missing")
-    values: dict[str, Any] = {}
-    for field in fields(GuidanceModel):
-        given = data[field.name]
-        values[field.name] = np.array(given, dtype=np.float64) if isinstance(given, list) else float(given)
-    return GuidanceModel(**values)
+def read_guidance_model() -> GuidanceModel:
+    """The shipped model."""
+    data: dict[str, Any] = json.loads(MODEL_FILE.read_text())
+    values = {field.name: data[field.name] for field in fields(GuidanceModel)}
+    return GuidanceModel(
+        **{name: np.array(value) if isinstance(value, list) else value for name, value in values.items()}
+    )

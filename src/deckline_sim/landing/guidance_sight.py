@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from deckline.types import DepthMode, Guidance, Protection, Status
 from deckline_sim.landing.config import LandingConfig
-from deckline_sim.landing.deviations import Accuracy, Deviations, deviations, stated_guidance
+from deckline_sim.landing.deviations import Deviations, deviations, stated_guidance
 from deckline_sim.landing.guidance_model import (
     DEPTHS,
     GRADES,
@@ -60,7 +60,7 @@ class GuidanceSight:
         lateral_m, height_m, heading_rad, distance_m = levels
         risk = self.surroundings.run.integrity.risk
         protection = Protection(lateral_m, height_m, heading_rad, distance_m, risk)
-        return stated_guidance(moment.time_s, found, Accuracy(*sigmas), status, protection, approach)
+        return stated_guidance(moment.time_s, found, Deviations(*sigmas), status, protection, approach)
 
     def _advance(self, time_s: float, depth: float) -> None:
         """Move status and scores on to a time; `depth`: range over visibility."""

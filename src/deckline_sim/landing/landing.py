@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.flight import Flight
 from deckline.types import Guidance, Status
 from deckline_sim.flight.approach import closing_speed
 from deckline_sim.landing.air import Gusts, wake
@@ -129,15 +128,15 @@ class Sights:
     """Followed on the way in while the picture gives nothing; None: it holds its path."""
 
     @classmethod
-    def of_config(cls, config: LandingConfig, seed: int, flight: Flight | None = None) -> "Sights":
-        """The sights that a configuration names; `flight`: loaded models for rendered pictures."""
+    def of_config(cls, config: LandingConfig, seed: int) -> "Sights":
+        """The sights that a configuration names."""
         if config.guidance == "navigation":
             return cls(NavigationSight(config, seed))
         navigation = NavigationSight(config, seed) if config.guidance == "both" else None
         if config.sight == "rendered":
             from deckline_sim.landing.rendered_sight import RenderedSight  # needs OpenGL
 
-            return cls(RenderedSight(config, seed, flight), navigation)
+            return cls(RenderedSight(config, seed), navigation)
         sight = PointSight if config.sight == "points" else GuidanceSight
         return cls(sight(config, seed), navigation)
 

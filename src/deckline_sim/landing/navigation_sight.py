@@ -9,7 +9,7 @@ from scipy.stats import norm
 from deckline.types import Guidance, Protection, Status
 from deckline_sim.camera.measure import CALIBRATION, drift, measure_pose
 from deckline_sim.landing.config import LandingConfig
-from deckline_sim.landing.deviations import Accuracy, deviations, stated_guidance
+from deckline_sim.landing.deviations import Deviations, deviations, stated_guidance
 from deckline_sim.landing.sight import Moment
 from deckline_sim.landing.surroundings import surroundings
 
@@ -33,7 +33,7 @@ class NavigationSight:
         run = self.surroundings.run
         deck = np.random.default_rng([seed, CALIBRATION]).standard_normal()
         self.deck_error_m = run.sensors.deck_z_m * float(deck)
-        self.accuracy = self._accuracy()
+        self.sigma = self._sigma()
         self.protection = self._protection()
 
     def see(self, moment: Moment) -> Guidance:
@@ -44,22 +44,17 @@ class NavigationSight:
         ship[2] = self.deck_error_m
         apart = RigidTransform.from_components(body.translation - ship, body.rotation)
         found = deviations(scene.deck, moment.time_s, apart, moment.velocity_m_s, scene.run.approach, steady=True)
-        return stated_guidance(moment.time_s, found, self.accuracy, Status.OK, self.protection, scene.run.approach)
+        return stated_guidance(moment.time_s, found, self.sigma, Status.OK, self.protection, scene.run.approach)
 
-    def _accuracy(self) -> Accuracy:
+    def _sigma(self) -> Deviations:
         sensors, motion = self.surroundings.run.sensors, self.surroundings.run.deck.motion
         across_m = sqrt(2.0) * sensors.position_m
         height_m = float(np.hypot(np.hypot(sensors.position_m, sensors.deck_z_m), motion.heave_m))
         rate = RATE_SIGMA_M_S
-        return Accuracy(across_m, height_m, sensors.attitude_rad, across_m, rate, rate, rate)
+        return Deviations(across_m, height_m, sensors.attitude_rad, across_m, rate, rate, rate)
 
     def _protection(self) -> Protection:
-        accuracy, risk = self.accuracy, self.surroundings.run.integrity.risk
+        sigma, risk = self.sigma, self.surroundings.run.integrity.risk
         factor = float(norm.isf(risk / 2))
-        return Protection(
-            factor * accuracy.lateral_m,
-            factor * accuracy.height_m,
-            factor * accuracy.heading_rad,
-            factor * accuracy.distance_m,
-            risk,
-        )
+        levels = (sigma.lateral_m, sigma.height_m, sigma.heading_rad, sigma.distance_m)
+        return Protection(*(factor * level for level in levels), risk)

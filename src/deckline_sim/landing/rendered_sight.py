@@ -22,16 +22,14 @@ class RenderedSight:
     Args:
         config: what the landing is flown in.
         seed: of the landing.
-        flight: its loaded models are used; None: they are loaded.
 
     Raises:
         RendererError: no OpenGL through EGL on this machine.
     """
 
-    def __init__(self, config: LandingConfig, seed: int, flight: Flight | None = None) -> None:
+    def __init__(self, config: LandingConfig, seed: int) -> None:
         self.surroundings = surroundings(config, seed)
-        dehazer, detector = (None, None) if flight is None else (flight.dehazer, flight.detector)
-        self.flight = Flight.from_config(self.surroundings.run, dehazer=dehazer, detector=detector)
+        self.flight = Flight.from_config(self.surroundings.run)
         self.simulator = open_simulator(sim_config(self.surroundings), self.surroundings)
         self.result: FrameResult | None = None
 

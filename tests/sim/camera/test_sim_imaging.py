@@ -65,7 +65,7 @@ def test_physical_haze_can_be_made_again_from_the_clear_picture_and_the_record(i
     sensor, air = recorded_sensor(records["sensor"]), atmosphere_from_mapping(records["air"])
     directions, lengths = world_rays(pixel_rays(CAMERA), POSE.rotation.as_matrix())
     light = undo_sensor(taken.clear_rgb, sensor)
-    again = develop(scatter(light, taken.true_depth_m * lengths, directions, POSE.translation, air), sensor)
+    again = develop(scatter(light, sea_view(CAMERA).depth_m * lengths, directions, POSE.translation, air), sensor)
     assert np.abs(again.astype(int) - taken.image_rgb).max() <= 2
     assert np.abs(taken.image_rgb.astype(int) - taken.clear_rgb).max() > 20
 
@@ -73,14 +73,15 @@ def test_physical_haze_can_be_made_again_from_the_clear_picture_and_the_record(i
 def test_the_lens_bends_picture_and_depth_alike(imaging):
     lens = LensConfig(distortion=(-0.2, 0.02, 0.001, 0.0, 0.0), principal_offset_px=(4.0, -3.0))
     camera = random_lens(lens, CAMERA, np.random.default_rng(0), wide=False)
-    taken = shot(imaging, ImagingConfig(lens=lens, sensor=EXACT), camera=camera)
+    config = ImagingConfig(lens=lens, sensor=EXACT, depth=DepthConfig(range_m=np.inf))
+    taken = shot(imaging, config, camera=camera)
     expected = sea_view(camera).depth_m
     near = expected < 300.0
     assert near.mean() > 0.3
-    np.testing.assert_allclose(taken.true_depth_m[near], expected[near], rtol=1e-3)
+    np.testing.assert_allclose(taken.depth_m[near], expected[near], rtol=1e-3)
     assert taken.image_rgb.shape == (90, 160, 3)
-    near_camera = shot(imaging, ImagingConfig(depth=DepthConfig(range_m=90.0)))
-    assert np.nanmax(near_camera.depth_m) <= 90.0 < np.nanmax(near_camera.true_depth_m)
+    short = shot(imaging, replace(config, depth=DepthConfig(range_m=90.0)), camera=camera)
+    assert np.nanmax(short.depth_m) <= 90.0 < np.nanmax(taken.depth_m)
 
 
 def test_the_same_generators_give_the_same_shot(imaging):

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 from deckline.types import DepthMode, Guidance, Protection, Status
 from deckline_sim.landing.config import LandingConfig
-from deckline_sim.landing.deviations import Accuracy, deviations, stated_guidance
+from deckline_sim.landing.deviations import Deviations, deviations, stated_guidance
 from deckline_sim.landing.sight import Moment
 from deckline_sim.landing.surroundings import surroundings
 
-ACCURACY = Accuracy(*[0.01] * 7)
+SIGMA = Deviations(*[0.01] * 7)
 BOUNDS = Protection(2.0, 1.0, None, None, 1e-4)
 
 
@@ -28,4 +28,4 @@ class ExactSight:
             return Guidance(moment.time_s, Status.NOT_SEEN, DepthMode.NONE)
         lateral, height = truth.lateral_m + self.bias_m[0], truth.height_m + self.bias_m[1]
         found = replace(truth, lateral_m=lateral, height_m=height)
-        return stated_guidance(moment.time_s, found, ACCURACY, Status.OK, BOUNDS, approach)
+        return stated_guidance(moment.time_s, found, SIGMA, Status.OK, BOUNDS, approach)
