@@ -43,7 +43,7 @@ INSTRUMENTED += ["pyulog", "pymavlink.DFReader", "pymavlink.mavutil"]
 with nullcontext() if atheris is None else atheris.instrument_imports(include=INSTRUMENTED):
     from log_bytes import dataflash, telemetry, ulog
 
-    from deckline.adapters.airsim.protocol import REQUEST_LIMIT, Decoder, Response, encode, encode_request
+    from deckline.adapters.airsim.protocol import Decoder, Response, encode, encode_request
     from deckline.adapters.airsim.source import read_frame
     from deckline.adapters.mavlink.link import Link, parse_datagram
     from deckline.config import Navigation, RunConfig
@@ -266,7 +266,7 @@ class Server:
         recorder = Recorder(folder, self.settings, take, {}, lines.append)
         self.world.reset()
         service = Service(self.world, render, recorder, SimulatedSensors(self.world, 0), lines.append)
-        connections = Connections(service, REQUEST_LIMIT)
+        connections = Connections(service)
         reader = asyncio.StreamReader()
         reader.feed_data(data)
         reader.feed_eof()
@@ -327,14 +327,14 @@ RADIANS = [(t, 1.0, 0.0, 0.0, 0.0) for t in (1.0, 1.2, 1.4)]
 ALL: dict[str, Callable[[], Reader]] = {
     "airsim": lambda: Reader(in_file("airsim_rec.txt", read_folder, **SHOWN), [ROWS]),
     "scene": lambda: Reader(in_file("scene.json", read_folder, **SHOWN, **{"airsim_rec.txt": ROWS}), [SCENE]),
-    "camera": lambda: Reader(in_file("camera.toml", read_folder, **FILES), [CAMERA, CAMERA + b"deck_z_m=1.0\n"]),
+    "camera": lambda: Reader(in_file("camera.toml", read_folder, **FILES), [CAMERA, b"deck_z_m=1.0\n" + CAMERA]),
     "calibration": lambda: Reader(in_file("camera.yaml", read_folder, **FILES), [YAML]),
     "poses": lambda: Reader(
         in_file("poses.csv", read_folder, **TIMED, **{"camera.toml": CAMERA}),
         [
             POSES,
             POSES.replace(b"file,", b"").replace(b"a.png,", b"").replace(b"b.png,", b""),
-            b"time_s,lat_deg,lon_deg,alt_m,qw,qx,qy,qz\n0,1,2,3,1,0,0,0\n2,1,2,3,1,0,0,0\n",
+            b"time_s,lat_deg,lon_deg,alt_m,qw,qx,qy,qz\n1,1,2,3,1,0,0,0\n1.2,1,2,3,1,0,0,0\n",
         ],
     ),
     "times": lambda: Reader(

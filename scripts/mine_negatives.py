@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from deckline.detect import DETECTORS
+from deckline.detect import DETECTORS, OnnxDetector
 from deckline.detect.search import CropView
 from deckline.recording.images import read_image
 from deckline_lab.labels import LABELS_FILE, LabelledImage, read_labels, write_labels
@@ -33,7 +33,7 @@ def main() -> int:
     given = parser.parse_args()
     labels = read_labels(given.pictures / LABELS_FILE)
     given.out.mkdir(parents=True, exist_ok=True)
-    detector = DETECTORS[given.detector]()
+    detector = OnnxDetector(Path(given.detector)) if given.detector.endswith(".onnx") else DETECTORS[given.detector]()
     written = []
     with progress("pictures", len(labels)) as advance:
         for file in labels:
