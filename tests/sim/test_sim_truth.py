@@ -24,7 +24,7 @@ from deckline_sim.simulate import frames
 
 SUN = np.array([0.6, 0.0, 0.8])
 CALM = replace(random_weather(np.random.default_rng(5), fair=True), wet=0.0)
-RANDOM_SHIPS = tuple(f"train {seed}" for seed in range(5))
+RANDOM_SHIPS = tuple(f"train {seed}" for seed in range(2))
 SIZE = (640, 360)
 RANGES_M = (25.0, 120.0, 500.0)
 FOVS_DEG = (70.0, 36.0, 12.0)  # one for each range

@@ -100,7 +100,7 @@ SHARP_PATHS = {  # corners, m north and east of the start
 }
 
 
-@pytest.mark.parametrize("speed", [0.5, 2.0, 5.0, 20.0])
+@pytest.mark.parametrize("speed", [1.0, 20.0])
 @pytest.mark.parametrize("corners", SHARP_PATHS.values(), ids=SHARP_PATHS)
 def test_a_path_ends_at_its_last_point_and_reaches_the_corners_that_turn_back(bench, corners, speed):
     start = bench.vehicle.read().pose.translation

@@ -86,6 +86,7 @@ def test_the_window_narrows_towards_the_deck(lateral, height, to_go, inside):
         ({"start_m": 100.0}, "100.0"),
         ({"models": Models(detector="ufld")}, "rendered"),
         ({"sight": "guidance", "tracking": Tracking(enabled=False)}, "rendered"),
+        ({"sight": "guidance", "guidance": "picture"}, "points"),
     ],
 )
 def test_impossible_settings_are_named(changes, named):

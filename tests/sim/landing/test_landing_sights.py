@@ -173,11 +173,6 @@ def test_guidance_errors_have_the_spread_of_their_table() -> None:
     assert np.std(heading) == pytest.approx(0.5, rel=0.1)
 
 
-def test_guidance_refuses_the_picture_alone() -> None:
-    with pytest.raises(ValueError, match=r"guidance.*picture"):
-        replace(EXACT, guidance="picture", sight="guidance")
-
-
 def test_guidance_tables_have_their_shape() -> None:
     with pytest.raises(ValueError, match=r"levels.*\(3, 2\)"):
         replace(read_guidance_model(), levels=np.zeros((3, 2)))

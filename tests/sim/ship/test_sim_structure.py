@@ -15,7 +15,7 @@ GREY = np.full(3, 0.5)
 
 @pytest.fixture(scope="module")
 def ships(afloat):
-    return [(layout, *sr.build_structure(layout, True, rng)) for layout, rng in afloat(190)]
+    return [(layout, *sr.build_structure(layout, True, rng)) for layout, rng in afloat(60)]
 
 
 def fill(mesh, steps=4):
@@ -101,7 +101,7 @@ def test_ski_jumps_keep_off_the_lines(afloat):
 
 def test_random_islands_stand_off_the_runway_and_apart(afloat):
     counts = []
-    for layout, rng in afloat(120):
+    for layout, rng in afloat(60):
         islands = sr.random_islands(layout, True, rng)
         counts.append(len(islands))
         for island in islands:
