@@ -64,7 +64,7 @@ def alone(configs: dict[str, SimConfig], blocks: int) -> dict[str, tuple[float, 
                 seconds[name].append(spent)
                 ratios[name].append(spent / peer_seconds(frames[0]))
     for simulator in simulators.values():
-        simulator.__exit__(None, None, None)
+        simulator.close()
     return {name: (statistics.median(seconds[name]), statistics.median(ratios[name])) for name in configs}
 
 

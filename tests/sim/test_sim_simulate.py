@@ -26,8 +26,8 @@ def training():
 
 @pytest.mark.parametrize("trajectory", ["random", "approach"])
 def test_a_frame_depends_on_seed_and_index_alone(trajectory):
-    settings = {"preset": "train", "trajectory": trajectory, "frames": 4, "visibility_m": (200.0, 900.0)}
-    config = SimConfig(**settings, **SMALL)
+    settings = {"preset": "train", "trajectory": trajectory, "frames": 4, "frames_per_ship": 3}
+    config = SimConfig(**settings, **SMALL, visibility_m=(200.0, 900.0))
     whole, tail = rendered(config), rendered(config, start=2)
     assert len(tail) == 2
     for a, b in zip(whole[2:], tail, strict=True):

@@ -1,5 +1,6 @@
 """OpenGL without a screen: context, programs, and the textures of deck, noise, waves and the ship's own shadow."""
 
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -118,6 +119,7 @@ def _mipmapped(texture: moderngl.Texture) -> moderngl.Texture:
     return texture
 
 
+@cache
 def noise_field(size: int = NOISE_SIZE) -> NDArray[np.uint8]:
     """Four independent tileable fractal noises (size, size, 4), mean 127.5."""
     rng = np.random.default_rng(20240614)

@@ -1,6 +1,7 @@
 """A sea by its state: how high the waves are, how long, how steep, how much of it is white, and one tile of it."""
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,6 +69,7 @@ def waves_from(height_m: float, wind_m_s: float, ripple_ratio: float) -> Waves:
     )  # fmt: skip
 
 
+@cache
 def wave_tile(size: int = TILE_TEXELS) -> NDArray[np.uint8]:
     """Tile (size, size, 4) of a sea that runs along its columns' axis: slope along, slope across, height, foam.
 

@@ -20,7 +20,7 @@ from deckline_sim.airsim_server.rpc_methods import METHODS
 from deckline_sim.airsim_server.rpc_server import is_loopback
 
 pytest.importorskip("cosysairsim")
-ROUNDS, CALLS = 150, 2000  # of fuzzing
+ROUNDS, CALLS = 100, 1000  # of fuzzing; scripts/fuzz.py does more
 LASTING = ("startRecording", "simContinueForTime")  # writes to the disk, or waits for a time that stands still
 SERVE = ["sim", "--serve", "--width", "64", "--height", "36"]
 

@@ -86,13 +86,6 @@ def test_velocities_are_in_the_world_or_the_body(pilot):
     assert np.linalg.norm(place(pilot)[:2] - start[:2]) < 4.0
 
 
-def test_a_sharp_path_joins(pilot):
-    corners = [[500.0, 10.0, -50.0], [510.0, 10.0, -50.0], [500.0, 0.0, -50.0]]
-    put(pilot, *corners[-1])
-    assert pilot.moveOnPathAsync([airsim.Vector3r(*corner) for corner in corners], 2).get() is True
-    np.testing.assert_allclose(place(pilot), corners[-1], atol=0.3)
-
-
 def test_an_attitude_leans_and_accelerates_at_its_height(pilot):
     put(pilot, 500.0, 0.0, -50.0)
     pilot.simPause(True)

@@ -75,13 +75,13 @@ def test_the_default_is_exact():
 
 def test_white_noise_has_its_sigma():
     config = NavigationConfig(position_sigma_m=0.2, attitude_sigma_deg=0.05)
-    position, turn = errors(config, np.arange(2000) * 0.02)
+    position, turn = errors(config, np.arange(1500) * 0.02)
     np.testing.assert_allclose(position.std(axis=0), 0.2, rtol=0.06)
     np.testing.assert_allclose(turn.std(axis=0), 0.05, rtol=0.06)
     assert abs(np.corrcoef(position[1:, 0], position[:-1, 0])[0, 1]) < 0.08
 
 
-@pytest.mark.parametrize("time_s", [0.0, 3.0, 40.0, 123.4])
+@pytest.mark.parametrize("time_s", [0.0, 40.0])
 def test_bias_has_its_sigma_at_every_time(time_s):
     config = NavigationConfig(position_bias_m=1.5, attitude_bias_deg=0.1, drift_s=30.0)
     both = [errors(config, [time_s], seed) for seed in range(600)]

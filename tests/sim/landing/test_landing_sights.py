@@ -168,7 +168,7 @@ def test_guidance_errors_have_the_spread_of_their_table() -> None:
     errors = np.zeros_like(model.errors) + 0.5 * np.array([-2.576, -1.645, -0.674, 0.0, 0.674, 1.645, 2.576])
     model = replace(model, errors=errors, mixing=np.eye(7), correlation_s=np.full(7, 0.01))
     sight = GuidanceSight(EXACT, 5, model)
-    moments = [replace(moment_at(sight.surroundings, 0.0), time_s=0.1 * k) for k in range(800)]
+    moments = [replace(moment_at(sight.surroundings, 0.0), time_s=0.1 * k) for k in range(400)]
     heading = np.array([numbers(sight.see(moment))[2] for moment in moments])
     assert np.std(heading) == pytest.approx(0.5, rel=0.1)
 
