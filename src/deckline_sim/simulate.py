@@ -119,9 +119,19 @@ class ShipSimulator:
         return self._take(view, shared, for_noise, True, name)
 
     def _take(
-        self, view: Viewpoint, shared: list[np.random.Generator], noise: np.random.Generator, with_ship: bool, name: str
+        self,
+        view: Viewpoint,
+        shared: list[np.random.Generator],
+        noise: np.random.Generator,
+        with_ship: bool,
+        name: str,
+        visibility_m: float | None = None,
     ) -> Frame:
-        """The picture of a view; `shared`: draws what a flight's frames share, `noise`: what each has of its own."""
+        """The picture of a view; `shared`: draws what a flight's frames share, `noise`: what each has of its own.
+
+        Args:
+            visibility_m: None: it is drawn.
+        """
         config, train = self.config, self.config.preset == "train"
         for_weather, for_lens, for_air, for_picture, for_quality = shared
         if config.weather.seed is not None:
@@ -130,7 +140,7 @@ class ShipSimulator:
         camera = random_lens(config.lens, view.camera, for_lens, wide=train)
         scenery = Scenery(
             weather,
-            draw_visibility(config.visibility_m, for_air),
+            draw_visibility(config.visibility_m, for_air) if visibility_m is None else visibility_m,
             config.imaging,
             quality=random_quality(for_quality) if train else BEST,
             with_ship=with_ship,
@@ -229,20 +239,13 @@ class DecklessSimulator(ShipSimulator):
         kind = CYCLE[index % len(CYCLE)]
         rng = np.random.default_rng([self.config.seed, DECKLESS, index])
         for_things, for_view, for_weather, for_lens, for_air, for_picture, for_noise, for_quality = rng.spawn(8)
+        shared = [for_weather, for_lens, for_air, for_picture, for_quality]
         self.load(self._bare_ship(index) if kind == BARE else index)
         if kind in (OPEN, SHIPS, COAST):
             self._hide_ship(kind, for_things)
         visibility_m = draw_visibility(self.config.visibility_m, for_air)
         view = replace(self._deckless_view(kind, visibility_m, for_view), time_s=float(index))
-        scenery = Scenery(
-            random_weather(for_weather, False, self.weather, sun=self.renderer.sun),
-            visibility_m,
-            self.config.imaging,
-            random_quality(for_quality),
-            with_ship=kind in (PAST, BARE),
-        )
-        camera = random_lens(self.config.lens, view.camera, for_lens, wide=True)
-        frame = self.picture(replace(view, camera=camera), scenery, for_picture, for_noise, f"deckless_{index}.png")
+        frame = self._take(view, shared, for_noise, kind in (PAST, BARE), f"deckless_{index}.png", visibility_m)
         if frame.truth is None:
             raise AssertionError("unreachable: the simulator knows the truth of its frames")
         conditions = {**frame.truth.conditions, "deckless": self._describe_kind(kind)}

@@ -51,6 +51,9 @@ def test_a_weathers_seed_keeps_light_sky_and_sea_in_every_recording():
     assert weathers(1, 5)[0] != first
     changing = weathers(1, None)
     assert changing[0] != changing[1]
+    deckless = SimConfig(preset="train", trajectory="deckless", frames=2, weather=WeatherConfig(seed=4), **SMALL)
+    one, other = (frame.truth.conditions["weather"] for frame in rendered(deckless))
+    assert one == other
 
 
 def test_haze_follows_the_scattering_model():
