@@ -136,12 +136,12 @@ def test_depth_is_the_distance_to_deck_and_sea(renderer, name, moving, distorted
     renderer.load(clean(ship, edge_style(name)), SUN)
     for range_m, fov_deg in ((40.0, 80.0), (200.0, 25.0)):
         shot = shoot(renderer, ship, range_m, fov_deg, moving, distorted)
-        v, u = np.mgrid[3 : SIZE[1] : 5, 4 : SIZE[0] : 7].reshape(2, -1)
+        v, u = np.mgrid[3 : SIZE[1] : 7, 4 : SIZE[0] : 11].reshape(2, -1)
         got = shot.depth[v, u]
         deck, sea = deck_and_sea(shot, np.column_stack([u, v]).astype(float))
-        assert min(np.isfinite(deck).sum(), np.isfinite(sea).sum()) > 100
+        assert min(np.isfinite(deck).sum(), np.isfinite(sea).sum()) > 40
         upwards = (sight_lines(shot.camera, np.column_stack([u, v])) @ shot.world_from_camera[2, :3]) < -0.01
-        assert np.isnan(got[upwards & np.isnan(deck)]).sum() > 100  # the sky has none
+        assert np.isnan(got[upwards & np.isnan(deck)]).sum() > 40  # the sky has none
         tolerance = 1e-3 if distorted else 3e-5  # the lens interpolates between the pinhole's pixels
         for expected in (deck, sea):
             there = np.isfinite(expected)

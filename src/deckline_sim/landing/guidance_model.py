@@ -71,7 +71,8 @@ class GuidanceModel:
 def read_guidance_model() -> GuidanceModel:
     """The shipped model."""
     data: dict[str, Any] = json.loads(MODEL_FILE.read_text())
-    values = {field.name: data[field.name] for field in fields(GuidanceModel)}
-    return GuidanceModel(
-        **{name: np.array(value) if isinstance(value, list) else value for name, value in values.items()}
-    )
+    values: dict[str, Any] = {}
+    for field in fields(GuidanceModel):
+        given = data[field.name]
+        values[field.name] = np.array(given) if isinstance(given, list) else given
+    return GuidanceModel(**values)

@@ -56,5 +56,10 @@ class NavigationSight:
     def _protection(self) -> Protection:
         sigma, risk = self.sigma, self.surroundings.run.integrity.risk
         factor = float(norm.isf(risk / 2))
-        levels = (sigma.lateral_m, sigma.height_m, sigma.heading_rad, sigma.distance_m)
-        return Protection(*(factor * level for level in levels), risk)
+        return Protection(
+            factor * sigma.lateral_m,
+            factor * sigma.height_m,
+            factor * sigma.heading_rad,
+            factor * sigma.distance_m,
+            risk,
+        )

@@ -112,8 +112,8 @@ def test_offsets_are_closed_on_the_way():
 
 
 def test_profile_passes_the_papers_points():
-    layout, config = PAPER_SHIP, replace(PROFILE, frames=160)
-    views = [approach_view(config, layout, k) for k in range(160)]
+    layout, config = PAPER_SHIP, replace(PROFILE, frames=80)
+    views = [approach_view(config, layout, k) for k in range(80)]
     ranges, lateral, height = over_deck(layout, views)
     assert ranges[0] == pytest.approx(5000.0)
     assert ranges[-1] == pytest.approx(12.0)
@@ -124,9 +124,10 @@ def test_profile_passes_the_papers_points():
     speed = np.linalg.norm(np.diff(positions(views), axis=0), axis=1) / np.diff([view.time_s for view in views])
     np.testing.assert_allclose(speed, 65.0, rtol=0.02)
     offset = replace(config, frames=600, flight=FlightConfig(lateral_offset_m=100.0))
-    velocity = np.array([approach_view(offset, layout, k).velocity_m_s for k in range(0, 600, 2)])
     step_s = 2 * 4988.0 / 65.0 / 599
-    assert np.linalg.norm(np.diff(velocity, axis=0), axis=1).max() / step_s < 0.5 * 9.81  # no kinks
+    for first in (100, 480):  # about the points at 4000 and 800 m
+        velocity = np.array([approach_view(offset, layout, k).velocity_m_s for k in range(first, first + 50, 2)])
+        assert np.linalg.norm(np.diff(velocity, axis=0), axis=1).max() / step_s < 0.5 * 9.81  # no kinks
 
 
 def test_a_landing_comes_from_the_holding_track_with_most_frames_near_the_deck():
