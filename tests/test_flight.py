@@ -28,7 +28,7 @@ from deckline_sim import SimConfig, frames
 APPROACH = SimConfig(
     preset="paper", trajectory="approach", frames=6, visibility_m=(1200.0, 1200.0), seed=1001, start_m=300.0, end_m=40.0
 )
-BEGINNING = 20  # frames of the shipped approach, of 91
+BEGINNING = 8  # frames of the shipped approach, of 91
 SINGLE = replace(STILL, tracking=Tracking(enabled=False))
 
 
@@ -192,14 +192,6 @@ def test_a_detector_is_searched_view_by_view_where_its_class_states_it():
         Flight(STILL, IdentityDehazer(), stated(shown))(shown[0])
 
 
-def test_a_frame_that_shows_nothing_is_bridged():
-    results, _ = fly(approach(5), blind=("frame_003.png",))
-    assert results[3].guidance.track is TrackState.COASTING
-    assert abs(results[3].guidance.lateral_deviation_m.value - 3.0) < 0.1
-    assert [diagnostic.reason for diagnostic in results[3].guidance.diagnostics] == [Reason.NO_LINE]
-    assert results[4].guidance.track is TrackState.TRACKING
-
-
 def test_unrelated_frames_get_results_of_their_own():
     shown = [frame(index, range_m) for index, range_m in enumerate((150.0, 40.0, 190.0, 60.0))]
     tracked, single = fly(shown)[0], fly(shown, SINGLE)[0]
@@ -277,13 +269,6 @@ def test_only_a_detector_that_needs_the_dehazed_picture_is_stopped_by_a_dehazer_
     else:
         with pytest.raises(ValueError, match="too dark"):
             flight(frame())
-
-
-def test_a_given_detection_is_used_without_a_search_of_the_picture():
-    at, detector = frame(), RecordingDetector()
-    result = Flight(STILL, IdentityDehazer(), detector)(at, detection=Detection(points(at, LEFT), points(at, RIGHT)))
-    assert detector.boxes == []
-    assert result.guidance.lateral_deviation_m.value == pytest.approx(3.0, abs=1e-3)
 
 
 def test_track_and_guidance_share_one_touchdown_point():

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.spatial.transform import Rotation
 
 from deckline.geometry import Camera, attitude, camera_mount, intersect_plane, pose, wrap_angle
 
@@ -95,20 +95,6 @@ def test_ray_lengths_turn_depth_into_range():
 def test_impossible_cameras_points_and_poses_are_named(call, message):
     with pytest.raises(ValueError, match=message):
         call()
-
-
-quaternions = st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda q: np.linalg.norm(q) > 0.1)
-quaternions = quaternions.map(lambda q: np.array(q) / np.linalg.norm(q))
-poses = st.builds(pose, st.tuples(finite, finite, finite), quaternions)
-
-
-@given(poses, poses, poses)
-def test_poses_form_a_group(a, b, c):
-    point = np.array([1.0, -2.0, 3.0])
-    np.testing.assert_allclose(((a * b) * c).apply(point), (a * (b * c)).apply(point), atol=1e-9)
-    np.testing.assert_allclose((a * b).apply(point), a.apply(b.apply(point)), atol=1e-9)
-    np.testing.assert_allclose((a * a.inv()).as_matrix(), np.eye(4), atol=1e-9)
-    np.testing.assert_allclose((a * RigidTransform.identity()).as_matrix(), a.as_matrix(), atol=1e-12)
 
 
 def test_pose_reads_a_scalar_first_quaternion():
