@@ -7,8 +7,7 @@ from drawn_approach import CONFIG, MOUNT, STATED, Drawn, Off, draw_approach
 from scipy.stats import chi2
 
 from deckline.calibrate import Outcome, describe, solve, write_calibration
-from deckline.calibrate.model import CAMERA_NAMES, residuals_px, start_state
-from deckline.calibrate.noise import own_covariance, shared_covariance
+from deckline.calibrate.model import CAMERA_NAMES
 from deckline.config import RunConfig
 from deckline.options import read_run_config
 from deckline.recording.camera_file import read_camera_file
@@ -23,7 +22,6 @@ def truth(off: Off) -> np.ndarray:
     return np.array([*np.deg2rad(off.mount_deg), np.log1p(off.focal), off.cx_px, off.cy_px, off.delay_s])
 
 
-@pytest.mark.parametrize("seed", [0, 1])
 @pytest.mark.parametrize(
     ("name", "off", "hold", "most_sigma"),
     [
@@ -36,8 +34,8 @@ def truth(off: Off) -> np.ndarray:
         ("delay", Off(delay_s=0.25), (), 0.01),
     ],
 )
-def test_each_wrong_value_is_recovered_within_its_uncertainty(name, off, hold, most_sigma, seed):
-    calibration = solve(draw_approach(Drawn(off, seed)), CONFIG, hold)
+def test_each_wrong_value_is_recovered_within_its_uncertainty(name, off, hold, most_sigma):
+    calibration = solve(draw_approach(Drawn(off)), CONFIG, hold)
     number = CAMERA_NAMES.index(name)
     assert calibration.outcomes[name] is ESTIMATED
     assert calibration.fit.sigma[number] < most_sigma
@@ -47,7 +45,7 @@ def test_each_wrong_value_is_recovered_within_its_uncertainty(name, off, hold, m
 def test_uncertainties_hold_over_seeds():
     """Mahalanobis distances of the estimated quantities sum to chi-square; sigmas are at most twice too large."""
     total, degrees = 0.0, 0
-    for seed in range(100, 112):
+    for seed in range(100, 106):
         rng = np.random.default_rng(seed)
         turn_deg, sign = rng.choice([-1, 1], 3) * rng.uniform(2.5, 4.0, 3), rng.choice([-1, 1], 2)
         off = Off(tuple(turn_deg), sign[0] * 0.07, delay_s=sign[1] * rng.uniform(0.1, 0.3))
@@ -56,16 +54,8 @@ def test_uncertainties_hold_over_seeds():
         error = (calibration.state[:7] - truth(off))[chosen]
         total += error @ np.linalg.solve(calibration.fit.covariance[np.ix_(chosen, chosen)], error)
         degrees += len(chosen)
-    assert degrees >= 12 * 5
+    assert degrees >= 6 * 5
     assert degrees / 4 < total < chi2.ppf(0.999, degrees)
-
-
-def test_exact_poses_and_a_still_deck_leave_the_noise_of_the_points_alone():
-    off = Off((2.0, -3.0, 1.0), 0.06, delay_s=0.1)
-    calibration = solve(draw_approach(Drawn(off, 3, errors=0.0)), CONFIG)
-    np.testing.assert_allclose(calibration.state[:3], truth(off)[:3], atol=np.deg2rad(0.1))
-    assert calibration.state[3] == pytest.approx(truth(off)[3], abs=0.005)
-    assert calibration.state[6] == pytest.approx(0.1, abs=0.003)
 
 
 def test_distorted_pictures_are_calibrated_alike():
@@ -140,17 +130,6 @@ def test_a_wrong_detection_is_left_out():
     np.testing.assert_allclose(spoilt.state[:3], clean.state[:3], atol=np.deg2rad(0.15))
 
 
-def test_covariances_are_symmetric_and_definite():
-    view = draw_approach(Drawn(seed=1))
-    reference, _, state = start_state(view, CONFIG)
-    own, shared = own_covariance(view, 1.0, 1.0), shared_covariance(view, reference, state, CONFIG)
-    size = len(residuals_px(view, reference, state))
-    assert own.shape == shared.shape == (size, size) == (len(view.frame) + 2 * len(view.horizon_frame),) * 2
-    np.testing.assert_allclose(shared, shared.T, rtol=1e-9, atol=1e-9)
-    assert np.linalg.eigvalsh(own).min() > 0
-    np.testing.assert_allclose(np.diag(own)[: len(view.frame)], view.sigma_px**2)
-
-
 @pytest.mark.parametrize(
     ("drawn", "named"),
     [
@@ -184,11 +163,7 @@ def test_written_files_are_read_back(tmp_path):
     values = json.loads(json_file.read_text())
     assert values["quantities"]["pitch"]["change"] == pytest.approx(np.rad2deg(calibration.state[1]))
     assert np.shape(values["correlation"]) == (13, 13)
-
-
-def test_poses_of_single_pictures_get_no_offset(tmp_path):
-    view = draw_approach(Drawn(Off(delay_s=0.15), 2))
-    calibration = solve(view, CONFIG)
-    _, config_file, _ = write_calibration(tmp_path, view, calibration, CONFIG, None)
+    # Poses of single pictures have no offset.
+    _, config_file, _ = write_calibration(tmp_path / "single", view, calibration, CONFIG, None)
     assert read_run_config(config_file).navigation.offset_s is RunConfig().navigation.offset_s is None
     assert any("delay is not written" in line for line in describe(calibration, None))

@@ -47,7 +47,7 @@ def test_a_trial_counts_and_measures_what_the_search_chooses(row, monkeypatch):
     for name, values in TRIED.items():
         monkeypatch.setitem(SCRIPT["try_thresholds"].__globals__, name, values)
     rng = np.random.default_rng(0)
-    searches = [make_search(rng) for _ in range(40)]
+    searches = [make_search(rng) for _ in range(15)]
     left, right = (np.array([[u, 0.0], [u, 287.0]]) for u in (100.0, 340.0))
     deck = ExpectedLines(SceneKind.DECK, {"left": left, "right": right}, visibility_m=1000.0)
     camera = Camera.from_fov(512, 288, 1.0)

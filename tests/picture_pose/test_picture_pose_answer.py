@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from runway_picture import CAMERA, LEVEL, Place, Runway, belief_of, frame_at, line_of, pose_of
-from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.spatial.transform import Rotation
 
 from deckline.picture_pose.answer import estimate_of, in_widths, lines_of, track_of, with_pose
-from deckline.picture_pose.states import CLOSING_M_S, States, line_rows, shared_sigmas
+from deckline.picture_pose.states import CLOSING_M_S, line_rows, shared_sigmas
 from deckline.types import (
     NO_POSE,
     DepthMode,
@@ -115,9 +115,3 @@ def test_a_frame_without_a_pose_has_none_in_widths():
     estimate = RunwayEstimate(LineVisibility.NONE, DepthMode.NONE, {}, {})
     frame, _, _ = in_widths(frame_at(0.0), estimate, track(belief=belief), 20.0)
     assert frame.world_from_body is None
-
-
-def test_a_sloping_decks_pose_is_its_height_above_the_plane():
-    belief = sure_belief()
-    place: RigidTransform = belief.world_from_body
-    assert -place.translation[2] - RUNWAY.slope * PLACE.distance_m == pytest.approx(belief.mean[States.HEIGHT])

@@ -29,7 +29,6 @@ from deckline.picture_pose.model import (
     Innovation,
     Mount,
     attitude_innovation,
-    cross,
     distance2,
     horizon_innovation,
     line_innovation,
@@ -167,13 +166,6 @@ def test_the_horizons_residual_is_the_angle_that_the_camera_is_turned():
     horizon = horizon_of(replace(level, pitch=pitch, roll=roll), mount=mount)
     found = horizon_innovation(belief_of(level), sight_horizon(CAMERA, horizon), Mount.of(mount))
     np.testing.assert_allclose(found.residuals, [-pitch, roll], atol=2e-5)
-
-
-@given(st.lists(st.floats(-10, 10), min_size=6, max_size=6))
-def test_cross_products_are_numpys(numbers):
-    a, b = np.array(numbers[:3]), np.array(numbers[3:])
-    np.testing.assert_allclose(cross(a, b), np.cross(a, b), atol=1e-12)
-    np.testing.assert_allclose(cross(np.stack([a, b]), b), np.cross(np.stack([a, b]), b), atol=1e-12)
 
 
 def test_an_update_is_bayes_rule_in_information_form():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from runway_picture import CAMERA, IN_WIDTHS, LEVEL, Place, Runway, belief_of, draw_place, pose_of
+from runway_picture import CAMERA, IN_WIDTHS, LEVEL, Place, Runway, belief_of, draw_place
 from scipy.spatial.transform import Rotation
 
 from deckline.config import Deck, PicturePose, RunConfig, Sensors
@@ -35,13 +35,6 @@ def random_belief(seed):
     mean = start.mean + rng.normal(0, 1.0, States.SIZE) * scale
     mean[States.ATTITUDE] = 0.0
     return replace(start, mean=mean, covariance=mixed @ mixed.T)
-
-
-def test_the_pose_of_a_belief_is_that_of_the_scene():
-    place, runway = Place(), Runway(slope=0.02, angle_rad=0.004)
-    found, true = belief_of(place, runway).world_from_body, pose_of(place, runway)
-    np.testing.assert_allclose(found.as_matrix(), true.as_matrix(), atol=1e-12)
-    assert belief_of(place, runway).width_m == 20.0
 
 
 def test_a_step_of_the_attitude_turns_about_the_runways_axes():

@@ -62,9 +62,9 @@ def test_the_glideslope_band_is_the_spread_of_the_needle():
     rng = np.random.default_rng(0)
     drawn = [
         instrument.glideslope_needle(guide(height_m=20 + 0.1 * a, distance_m=250 + 2.0 * b)).value
-        for a, b in rng.normal(0, 1, (4000, 2))
+        for a, b in rng.normal(0, 1, (400, 2))
     ]
-    assert np.std(drawn) == pytest.approx(instrument.glideslope_needle(guide()).sigma, rel=0.05)
+    assert np.std(drawn) == pytest.approx(instrument.glideslope_needle(guide()).sigma, rel=0.1)
 
 
 def test_unknown_is_a_flag_and_never_a_needle():

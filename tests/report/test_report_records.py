@@ -67,20 +67,12 @@ def test_truth_and_errors_stand_beside_the_estimate():
     assert errors["guidance"]["vertical_deviation_m"] == pytest.approx(measured["vertical_deviation_m"] - above_slope_m)
 
 
-def test_the_kind_of_edge_is_written():
+def test_the_kind_of_edge_and_the_number_of_joined_frames_are_written(tmp_path):
     result = chain(frame())
-    known = replace(result, detection=replace(result.detection, edge=EdgeKind.PAVEMENT))
-    assert (frame_record(result)["edge"], frame_record(known)["edge"]) == (None, "pavement")
-
-
-def test_the_number_of_joined_frames_is_written(tmp_path):
-    result = chain(frame())
-    several = replace(result, detection=replace(result.detection, frames=8))
-    records = [frame_record(result), frame_record(several)]
-    assert [record["frames_joined"] for record in records] == [1, 8]
-    write_csv(tmp_path / "table.csv", records)
-    with (tmp_path / "table.csv").open() as file:
-        assert [row["frames_joined"] for row in csv.DictReader(file)] == ["1", "8"]
+    known = replace(result, detection=replace(result.detection, edge=EdgeKind.PAVEMENT, frames=8))
+    records = [frame_record(result), frame_record(known)]
+    assert [(record["edge"], record["frames_joined"]) for record in records] == [(None, 1), ("pavement", 8)]
+    assert [row["frames_joined"] for row in read_table(tmp_path / "table.csv", records)] == ["1", "8"]
 
 
 def test_times_keep_their_microseconds_in_record_and_table(tmp_path):
