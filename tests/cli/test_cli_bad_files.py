@@ -94,7 +94,7 @@ FILES = {
     "settings.json": (None, {}, "sim --serve --settings settings.json"),
     "ship.toml": (None, {}, "sim --config ship.toml --out out"),
 }
-# What lies in its place: made of the whole file's contents. tests/test_files.py has sockets, devices and circular links.
+# What lies in its place, made of the whole file's contents; tests/test_files.py has sockets, devices and circles.
 FAULTS = {
     "a folder": lambda valid: lambda path: path.mkdir(),
     "a fifo": lambda valid: os.mkfifo,
