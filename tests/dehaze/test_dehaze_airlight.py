@@ -2,12 +2,7 @@
 
 import numpy as np
 
-from deckline.dehaze.airlight import (
-    estimate_airlight_surface,
-    find_sky,
-    find_smooth_top,
-    fit_airlight,
-)
+from deckline.dehaze.airlight import estimate_airlight_surface, find_sky, find_smooth_top, fit_airlight
 
 AIRLIGHT = np.array([0.70, 0.74, 0.80])
 HEIGHT, WIDTH, HORIZON = 180, 320, 60

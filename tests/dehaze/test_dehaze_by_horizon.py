@@ -5,11 +5,7 @@ import pytest
 from sea_scene import CAMERA, frame_of, sea_pair, world_from_body
 
 from deckline.dehaze.base import IdentityDehazer
-from deckline.dehaze.by_horizon import (
-    HorizonDehazer,
-    find_horizon_of,
-    pose_from_horizon,
-)
+from deckline.dehaze.by_horizon import HorizonDehazer, find_horizon_of, pose_from_horizon
 from deckline.dehaze.horizon import Horizon, NoHorizon
 from deckline.geometry import Camera
 from deckline.haze import beta_from_visibility

@@ -4,12 +4,7 @@ from scipy.spatial.transform import RigidTransform
 from sea_scene import AIRLIGHT, CAMERA, DECK_Z_M, EYE_Z_M, SEA_Z_M, frame_of, ray_z, sea_pair, world_from_body
 
 from deckline.dehaze import GeometryDehazer
-from deckline.dehaze.by_pose import (
-    downscale_frame,
-    invert_haze,
-    measure_sky_noise,
-    with_noise,
-)
+from deckline.dehaze.by_pose import downscale_frame, invert_haze, measure_sky_noise, with_noise
 from deckline.dehaze.filters import estimate_noise
 from deckline.dehaze.haze_fit import HazeFit, NoFit
 from deckline.dehaze.pixel_map import luma

@@ -2,14 +2,7 @@ import numpy as np
 import pytest
 from sea_scene import AIRLIGHT, CAMERA, SEA, SEA_Z_M, ray_z, sea_pair, world_from_body
 
-from deckline.dehaze.haze_fit import (
-    DISPLAY_WATER,
-    HazeFit,
-    NoFit,
-    NotFitted,
-    fit_haze,
-    hidden_sea_certainty,
-)
+from deckline.dehaze.haze_fit import DISPLAY_WATER, HazeFit, NoFit, NotFitted, fit_haze, hidden_sea_certainty
 from deckline.dehaze.sea_view import view_sea
 from deckline.geometry import camera_mount
 from deckline.haze import beta_from_visibility

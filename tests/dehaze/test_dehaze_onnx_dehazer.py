@@ -13,13 +13,7 @@ from deckline.dehaze import OnnxDehazer, by_pose
 from deckline.dehaze.base import mix
 from deckline.dehaze.by_pose import GeometryDehazer, GeometrySolution
 from deckline.dehaze.haze_fit import HazeFit
-from deckline.dehaze.onnx_dehazer import (
-    CHANGE_LEVELS,
-    change_share,
-    darkest_detail,
-    fit_to_angles,
-    limit_change,
-)
+from deckline.dehaze.onnx_dehazer import CHANGE_LEVELS, change_share, darkest_detail, fit_to_angles, limit_change
 from deckline.dehaze.tensors import (
     MIN_SIDE_PX,
     average_down,

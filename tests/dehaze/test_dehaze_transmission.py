@@ -2,13 +2,7 @@ import numpy as np
 import pytest
 from sea_scene import AIRLIGHT
 
-from deckline.dehaze.transmission import (
-    GeometryConfig,
-    bound_transmission,
-    raise_to_deck,
-    scale_length,
-    sky_contrast,
-)
+from deckline.dehaze.transmission import GeometryConfig, bound_transmission, raise_to_deck, scale_length, sky_contrast
 
 AIR = AIRLIGHT.astype(np.float32)[:, None, None]
 

@@ -6,14 +6,7 @@ from anchor_logits import GRID, logits_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deckline.detect.anchors import (
-    DecodeConfig,
-    RowGrid,
-    decode,
-    decode_places,
-    decode_region,
-    rows_from_map,
-)
+from deckline.detect.anchors import DecodeConfig, RowGrid, decode, decode_places, decode_region, rows_from_map
 from deckline_lab.train.line_targets import encode, encode_region
 
 SMALL = RowGrid(width=8, height=4, cells=4, rows=2)

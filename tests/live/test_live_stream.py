@@ -6,14 +6,7 @@ import threading
 from contextlib import closing, contextmanager
 
 import pytest
-from loopback import (
-    MOUNTED,
-    PoseSender,
-    Sender,
-    flight,
-    free_port,
-    wait_until,
-)
+from loopback import MOUNTED, PoseSender, Sender, flight, free_port, wait_until
 
 from deckline.cli.sources import SourceOptions
 from deckline.config import Navigation
