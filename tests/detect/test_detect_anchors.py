@@ -42,7 +42,7 @@ def test_encode_leaves_out_what_is_outside_or_not_seen():
 
 
 @settings(deadline=None)
-@given(x0=st.floats(20, 490), x1=st.floats(20, 490), y0=st.floats(5, 100), y1=st.floats(150, 280))
+@given(x0=st.floats(2, 509), x1=st.floats(2, 509), y0=st.floats(5, 100), y1=st.floats(150, 280))
 def test_decode_inverts_encode_to_a_hundredth_of_a_pixel(x0, x1, y0, y1):
     cell = encode([[x0, y0], [x1, y1]], [True, True], GRID)
     rows = decode(logits_of(cell), GRID)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from deckline.detect.anchors import NetworkOutput
 from deckline.detect.coarse_to_fine import DetectConfig, largest_collinear_subset
 from deckline.detect.crop import crop_around, normalise, sample_crop
-from deckline.detect.search import Search, detect_lines
+from deckline.detect.search import CropView, Search, detect_lines
 from deckline.types import Detection
 from deckline_lab.train.line_targets import encode, encode_region
 
@@ -94,18 +94,15 @@ def test_left_right_of_right_is_not_seen():
     assert count_lines(detection) == 0
 
 
-def runway_seen(sure: float, left: float, right: float) -> tuple[bool, bool]:
-    """Which lines are returned of a network that is so sure of a runway, and of rows that the lines cross."""
+def unsure_output(sure: float, left: float, right: float) -> NetworkOutput:
+    """Of a network that is so sure of a runway, and of thirty rows that upright lines cross."""
     rows = np.full((2, 72, 129), -20.0, dtype=np.float32)
     rows[:, :, -1] = 0.0  # no line on any row
     for k, (chance, cell) in enumerate(((left, 40), (right, 60))):
         rows[k, 20:50, cell] = np.log((chance + 1e-9) / (1 - chance))  # but on thirty
     classes, offsets, _ = encode_region([110.0, 60.0, 400.0, 230.0], (32, 18))
     region = np.log(np.append(sure * classes[:-1], 1 - sure) + 1e-12).astype(np.float32)
-    output = NetworkOutput(rows, region, offsets)
-    found = detect_lines(np.zeros((720, 1280, 3), np.uint8), lambda view: output, DetectConfig())
-    assert {len(found.left), len(found.right)} <= {0, 30}
-    return len(found.left) > 0, len(found.right) > 0
+    return NetworkOutput(rows, region, offsets)
 
 
 @pytest.mark.parametrize(
@@ -123,7 +120,18 @@ def runway_seen(sure: float, left: float, right: float) -> tuple[bool, bool]:
 def test_thresholds_of_both_lines_and_of_a_lone_one(
     runway: float, left: float, right: float, seen: tuple[bool, bool]
 ) -> None:
-    assert runway_seen(runway, left, right) == seen
+    output = unsure_output(runway, left, right)
+    found = detect_lines(np.zeros((720, 1280, 3), np.uint8), lambda view: output, DetectConfig())
+    assert {len(found.left), len(found.right)} <= {0, 30}
+    assert (len(found.left) > 0, len(found.right) > 0) == seen
+
+
+@pytest.mark.parametrize(("tile", "whole", "counts"), [(0.99, 0.9, True), (0.5, 0.9, False), (0.99, 0.0, False)])
+def test_a_pair_of_lines_of_a_small_tile_counts_where_the_picture_shows_a_runway_somewhere(tile, whole, counts):
+    search = Search(BLACK, lambda view: unsure_output(whole, 0.0, 0.0), DetectConfig())
+    view = CropView(unsure_output(tile, 0.95, 0.95), search.whole.crop, search.config)
+    search.tile_candidates = [view]
+    assert search.accepted == [view] * counts
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from steady_view import CALM, advance, advance_all, seen, view
 
 from deckline.config import Deck, RunConfig
 from deckline.track import Tracker
-from deckline.track.extent import move_ramp_to_deck
+from deckline.track.extent import Ramp, move_ramp_to_deck, update_extent
 from deckline.track.states import FAULTS, States, initial_state
 
 
@@ -47,6 +47,18 @@ def test_a_ramp_that_seems_farther_ahead_is_the_nearest_part_in_view_and_left_ou
         away = track.ramp_m - (frame.world_from_body.translation - truth.translation) - true_m
         errors.append(float(away[0]))
     assert (abs(errors[-1]) > 5.0) is followed
+
+
+def test_the_nearest_part_comes_nearer_as_more_is_seen_and_a_ramp_does_not():
+    """Without a ramp the near end is the nearest part that was in view, and the far end stays."""
+    lines = seen(np.random.default_rng(0)).lines
+    state = initial_state(0.0, lines["left"], None, CALM)
+    ramp = Ramp(state.point_m + 60.0 * state.along, 1.0, np.zeros(FAULTS))
+    for first, near_m in ((None, 20.0), (ramp, 60.0)):
+        before = update_extent(None, state, (60.0, 160.0), first, 0.1, None, 5.0)
+        after = update_extent(before, state, (20.0, 160.0), None, 0.0, None, 5.0)
+        assert state.local(after.near_m)[0] == pytest.approx(near_m)
+        assert after.length_m == pytest.approx(160.0 - near_m)
 
 
 def test_a_lost_track_expects_nothing():
