@@ -41,6 +41,11 @@ def test_there_is_no_pose_in_long_gaps_and_beyond_the_ends(time, known):
     assert (track([0.0, 0.4, 2.0, 2.4], navigation=Navigation(max_gap_s=2.0)).at(1.0)) is not None
 
 
+def test_samples_beyond_the_ends_are_those_of_the_ends():
+    places, _ = track([0.0, 0.4, 0.8]).sample(np.array([-1.0, 0.6, 2.0]))
+    np.testing.assert_allclose(places[:, 0], [0.0, 6.0, 8.0])
+
+
 def test_the_offset_is_the_poses_clock_minus_the_pictures():
     poses = track([100.0, 100.4], navigation=Navigation(offset_s=100.0))
     np.testing.assert_allclose(poses.at(0.2).translation[0], 1002.0)

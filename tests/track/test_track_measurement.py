@@ -1,15 +1,28 @@
 """The gate accepts what agrees, and names what does not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import norm
 from steady_view import KNOWN, seen, view
 
-from deckline.track.filter import predict, update
+from deckline.track.filter import predict, track_lines, update
 from deckline.track.measurement import measure, select_consistent
 from deckline.track.motion import Pose
-from deckline.track.states import initial_state
-from deckline.types import DepthMode, Reason
+from deckline.track.states import States, initial_state
+from deckline.types import DepthMode, Reason, RunwayLine
+
+
+def test_the_lines_lie_where_the_state_has_them():
+    start = initial_state(0.0, RunwayLine(np.array([10.0, 20.0, -5.0]), 0.3, np.eye(3)), None, KNOWN)
+    mean = np.zeros(States.SIZE)
+    mean[[States.OFFSET, States.AZIMUTH, States.SPACING]] = 1.0, 0.01, 14.0
+    state = replace(start, mean=mean)
+    for side, right_m in (("left", -5.5), ("centre", 1.5), ("right", 8.5)):
+        line = track_lines(state, None, 50.0, KNOWN)[side]
+        np.testing.assert_allclose(line.point_m, state.point_m + 50.0 * state.along + right_m * state.right)
+        assert line.azimuth_rad == pytest.approx(0.31)
 
 
 @pytest.fixture
