@@ -15,7 +15,7 @@ from deckline.live.pipeline import Outputs
 from deckline.live.recorder import FrameFolder, round_pose
 from deckline.live.source import Playback
 from deckline.recording import open_recording
-from deckline.recording.camera_file import make_plain_frame
+from deckline.types import Frame
 from picture_scene import picture_result
 
 
@@ -51,7 +51,7 @@ def test_a_rounded_pose_is_what_its_written_numbers_give_back(tmp_path):
 
 def test_frames_without_a_camera_come_back_without(tmp_path):
     folder = FrameFolder(tmp_path / "kept")
-    folder.add(make_plain_frame("frame_1.png", 0.25, np.zeros((20, 30, 3), np.uint8)))
+    folder.add(Frame("frame_1.png", 0.25, np.zeros((20, 30, 3), np.uint8)))
     folder.close()
     (read,) = open_recording(tmp_path / "kept")
     assert not read.camera.known and read.time_s == 0.25

@@ -9,8 +9,9 @@ from deckline.live.mailbox import Mailbox
 from deckline.live.pipeline import WAIT_S
 from deckline.live.source import Captured, LiveSource
 from deckline.recording import BadFrame
-from deckline.recording.camera_file import MountedCamera, make_plain_frame
+from deckline.recording.camera_file import MountedCamera
 from deckline.recording.ros_messages import decode_picture, read_time
+from deckline.types import Frame
 
 NAME = "ros2"  # of the source and its frames
 
@@ -44,7 +45,7 @@ class PictureTopic(LiveSource):
         try:
             image, time_s = decode_picture(message), read_time(message)
             if camera is None:
-                return Captured(make_plain_frame(NAME, time_s, image), at_s)
+                return Captured(Frame(NAME, time_s, image), at_s)
             if mount is None:
                 raise ValueError(f"/tf_static has no transform from the body to {message.header.frame_id!r}")
             mounted = camera.fit(image.shape[1], image.shape[0])

@@ -9,10 +9,11 @@ from scipy.spatial.transform import RigidTransform
 
 from deckline.atomic import write_atomic
 from deckline.geometry import Camera, pose
-from deckline.recording.camera_file import CAMERA_FILE, HEIGHTS, format_camera
+from deckline.recording.camera_file import CAMERA_FILE, format_camera
 from deckline.recording.image_folder import DEPTH_FOLDER
 from deckline.recording.images import FAR_DEPTH_M, encode_image, write_pfm
 from deckline.recording.poses import COLUMNS, POSES_FILE
+from deckline.recording.scene_file import get_heights
 from deckline.types import Frame, PoseSource
 
 POSITION_DIGITS, QUATERNION_DIGITS = 6, 12  # decimals of what is written: 1 um, 1e-12 rad
@@ -41,7 +42,8 @@ class FrameFolder:
         if self._camera is None:
             self._camera = frame.camera
             if frame.camera.known:
-                write_atomic(self._folder / CAMERA_FILE, _camera_text(frame).encode())
+                text = format_camera(frame.camera, frame.body_from_camera, get_heights(frame))
+                write_atomic(self._folder / CAMERA_FILE, text.encode())
         if astuple(frame.camera) != astuple(self._camera):
             raise ValueError(f"{frame.file}: another camera than that of the recording's first frame")
         write_atomic(self._folder / name, encode_image(frame.image_rgb, "png"))
@@ -55,13 +57,6 @@ class FrameFolder:
 
     def close(self) -> None:
         self._rows.close()
-
-
-def _camera_text(frame: Frame) -> str:
-    """Text of the frame's camera.toml, with the heights of deck and sea."""
-    heights = {key: getattr(frame, key) for key in HEIGHTS}
-    rows = [f"{key} = {float(value)}\n" for key, value in heights.items() if value is not None]
-    return "".join(rows) + format_camera(frame.camera, frame.body_from_camera)
 
 
 def round_pose(world_from_body: RigidTransform) -> RigidTransform:

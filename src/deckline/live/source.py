@@ -12,7 +12,7 @@ import av
 from deckline.live.clock import StreamClock, WallClock
 from deckline.live.decoding import Picture
 from deckline.recording import BadFrame, Recording, RecordingError, Source
-from deckline.recording.camera_file import STATED, MountedCamera, make_plain_frame, note_camera
+from deckline.recording.camera_file import STATED, MountedCamera, note_camera
 from deckline.types import Frame
 
 SLICE_S = 0.05  # within which a wait notices a stop
@@ -181,7 +181,7 @@ class StreamCamera(LiveSource):
                 self._mounted = self._pinhole(image.shape[1], image.shape[0])
                 self._log(note_camera(self.name, self._mounted.camera, STATED))
             if self._mounted is None:
-                return Captured(make_plain_frame(file, time_s, image), at_s)
+                return Captured(Frame(file, time_s, image), at_s)
             mounted = self._fit(self._mounted, image.shape[1], image.shape[0])
             return Captured(mounted.frame(file, time_s, image), at_s)
         except ValueError as error:

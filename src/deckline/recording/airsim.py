@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from deckline.checks import check_choice, check_numbers
 from deckline.files import is_there
+from deckline.geometry import pose
 from deckline.recording.camera_file import (
     CAMERA_FILE,
     HEIGHTS,
@@ -28,7 +29,7 @@ from deckline.recording.camera_file import (
     note_camera,
 )
 from deckline.recording.images import DEPTH_PERSPECTIVE, DEPTH_PLANAR, FAR_DEPTH_M, PfmRows, read_depth, read_image
-from deckline.recording.poses import parse_pose
+from deckline.recording.poses import read_numbers
 from deckline.recording.scene_file import SCENE_FILE, SceneFile, get_clear_image, read_scene, truth_from_mapping
 from deckline.recording.source import FrameError, Recording, check_index, check_number, is_inside
 from deckline.recording.text_table import Cells, TextTable, read_table
@@ -124,7 +125,8 @@ class AirSimRecording(Recording):
             raise FrameError(name, f"{error} ({place})") from None
 
     def _frame(self, cells: Cells, name: str, depth_name: str | None, depth_type: int) -> Frame:
-        time_ms, world_from_body = parse_pose(cells, POSE_COLUMNS)
+        time_ms, *numbers = read_numbers(cells, POSE_COLUMNS)
+        time_s, world_from_body = check_number(time_ms, POSE_COLUMNS[0]) / MS_PER_S, pose(numbers[:3], numbers[3:])
         images, options, entry = self.folder / IMAGE_FOLDER, self._options, self._entry(name)
         image = read_image(images / name)
         mounted = self._camera(entry, image.shape[:2])
@@ -138,7 +140,7 @@ class AirSimRecording(Recording):
         if "truth" in entry:
             clear = get_clear_image(entry["truth"])
             truth = truth_from_mapping(entry["truth"], None if clear is None else read_image(self.folder / clear))
-        time_s = check_number(entry.get("time_s", time_ms / MS_PER_S), "time_s")
+        time_s = check_number(entry.get("time_s", time_s), "time_s")
         return mounted.frame(name, time_s, image, depth_m=depth, world_from_body=world_from_body, truth=truth)
 
     def _entry(self, name: str) -> dict[str, Any]:

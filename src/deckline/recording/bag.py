@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from deckline.extras import needs_extra
 from deckline.files import open_regular
-from deckline.recording.camera_file import MountedCamera, make_plain_frame
+from deckline.recording.camera_file import MountedCamera
 from deckline.recording.pose_track import PoseTrack
 from deckline.recording.ros_messages import decode_depth, decode_picture
 from deckline.recording.source import FrameError, Recording, RecordingError, check_index
@@ -128,7 +128,7 @@ class Bag(Recording):
         with refuse(lambda reason: FrameError(file, reason)):
             image = decode_picture(self._message_reader.read(index))
             if self._mounted is None:
-                return make_plain_frame(file, time_s, image)
+                return Frame(file, time_s, image)
             mounted, pose = self._mounted.fit(image.shape[1], image.shape[0]), None
             if self._track is not None:
                 pose = self._track.at(time_s)

@@ -110,12 +110,6 @@ def check_fov(camera: Camera, fov_deg: float | None, where: str) -> None:
         )
 
 
-def make_plain_frame(file: str, time_s: float, image_rgb: NDArray[np.uint8]) -> Frame:
-    """A frame without a camera, in which pose and depth have no meaning."""
-    height, width = image_rgb.shape[:2]
-    return Frame(file, time_s, image_rgb, Camera.unknown(width, height))
-
-
 def read_camera_file(path: Path) -> MountedCamera:
     """Read camera.toml, or a YAML calibration of OpenCV or ROS, whose camera points along the body's forward axis.
 

@@ -13,10 +13,10 @@ from scipy.spatial.transform import RigidTransform
 from deckline.files import is_there
 from deckline.geometry import camera_mount
 from deckline.recording.airsim import ReadOptions
-from deckline.recording.camera_file import MountedCamera, make_plain_frame
+from deckline.recording.camera_file import MountedCamera
 from deckline.recording.exif import camera_from_exif
 from deckline.recording.images import DEPTH_PLANAR, IMAGE_SUFFIXES, read_depth, read_image
-from deckline.recording.poses import TIMES_FILE, Poses, attitude_only
+from deckline.recording.poses import TIMES_FILE, Poses, drop_unknown_place
 from deckline.recording.source import FrameError, Recording, check_index, check_number, is_inside
 from deckline.types import Frame
 
@@ -100,12 +100,12 @@ class ImageFolder(Recording):
         image = read_image(self.folder / file)
         mounted = self._camera(file, image.shape[1], image.shape[0])
         if mounted is None:
-            return make_plain_frame(file, time_s, image)
+            return Frame(file, time_s, image)
         depth, name = None, f"{DEPTH_FOLDER}/{Path(file).stem}.pfm"
         if is_there(self.folder / name):
             depth = read_depth(self.folder / name, name, mounted.camera, *self._depth_options)
         frame = mounted.frame(file, time_s, image, world_from_body=world_from_body, depth_m=depth)
-        return frame if self._poses is None or self._poses.has_positions else attitude_only(frame)
+        return drop_unknown_place(frame, self._poses)
 
     def _camera(self, file: str, width: int, height: int) -> MountedCamera | None:
         """The camera of an image: stated, or of its EXIF; None without one."""

@@ -1,4 +1,4 @@
-"""Poses in tables: which columns hold them, poses.csv that names its images, times.csv, and AirSim's rows.
+"""Poses in tables: which columns hold them, poses.csv that names its images, and times.csv.
 
 poses.csv has a header; its columns are in any order. time_s: the poses' clock. x_m, y_m, z_m: position in a world that
 is North-East-Down or any right-handed forward-right-down frame; or lat_deg, lon_deg, alt_m (lat, lon, alt; latitude,
@@ -12,6 +12,7 @@ belongs to the image of this name, and its pose may be empty; otherwise rows go 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,9 @@ from deckline.recording.geodesy import check_geodetic, ned_from_geodetic
 from deckline.recording.source import check_number
 from deckline.recording.text_table import Cells, TextTable, parse_number, read_table
 from deckline.types import Frame
+
+if TYPE_CHECKING:
+    from deckline.recording.pose_track import PoseTrack
 
 Array = NDArray[np.float64]
 POSES_FILE = "poses.csv"
@@ -161,8 +165,10 @@ def read_poses(path: Path, origin: tuple[float, float, float] | None = None) -> 
     return Poses(table, columns, table.index_files(), origin if columns.is_geodetic else None, tuple(notes))
 
 
-def attitude_only(frame: Frame) -> Frame:
-    """A frame whose pose is an attitude without a place."""
+def drop_unknown_place(frame: Frame, poses: "Poses | PoseTrack | None") -> Frame:
+    """The frame, its pose an attitude without a place where its poses have no positions."""
+    if poses is None or poses.has_positions:
+        return frame
     pose = frame.world_from_body
     return replace(frame, world_from_body=None, level_from_body=None if pose is None else pose.rotation)
 
@@ -195,9 +201,3 @@ def read_numbers(cells: Cells, columns: Sequence[str]) -> list[float]:
         except ValueError:
             raise ValueError(f"column {column} is no number: {text!r}") from None
     return values
-
-
-def parse_pose(cells: Cells, columns: Sequence[str]) -> tuple[float, RigidTransform]:
-    """Time in its column's unit and world_from_body, of time, position, quaternion w, x, y, z; or a ValueError."""
-    time, *values = read_numbers(cells, columns)
-    return check_number(time, columns[0]), pose(values[:3], values[3:])

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.files import MOST_PIXELS, check_regular, check_size
-from deckline.recording.camera_file import MountedCamera, make_plain_frame
+from deckline.recording.camera_file import MountedCamera
 from deckline.recording.pose_track import PoseTrack
-from deckline.recording.poses import attitude_only
+from deckline.recording.poses import drop_unknown_place
 from deckline.recording.source import BadFrame, FrameError, Recording, RecordingError, check_index
 from deckline.types import Frame
 
@@ -113,11 +113,11 @@ class Video(Recording):
             time_s, world_from_body = time_s + self._poses.offset_s, self._poses.at(time_s)
         image = picture.to_ndarray(format="rgb24")
         if self._mounted is None:
-            return make_plain_frame(file, time_s, image)
+            return Frame(file, time_s, image)
         try:
             mounted = self._mounted.fit(image.shape[1], image.shape[0])
             frame = mounted.frame(file, time_s, image, world_from_body=world_from_body)
-            return frame if self._poses is None or self._poses.has_positions else attitude_only(frame)
+            return drop_unknown_place(frame, self._poses)
         except ValueError as error:
             raise FrameError(file, str(error)) from None
 
