@@ -150,6 +150,17 @@ def test_compressed_depth_is_refused(tmp_path):
         open_recording(path, topics=["/depth/compressedDepth"])
 
 
+def test_attitudes_of_a_table_are_no_poses_of_a_bag(tmp_path):
+    poses = tmp_path / "attitudes.csv"
+    poses.write_text(f"time_s,roll_rad,pitch_rad,yaw_rad\n{START_S},0.1,0,0\n{START_S + 60},0.1,0,0\n")
+    source = open_recording(
+        write(tmp_path / "flight.mcap", "mcap", rows("none")), poses_file=poses, navigation=Navigation(max_gap_s=99.0)
+    )
+    frame = next(iter(source))
+    assert frame.world_from_body is None
+    np.testing.assert_allclose(frame.level_from_body.as_rotvec(), [0.1, 0.0, 0.0])
+
+
 def test_without_camera_info_lines_are_in_pixels(tmp_path):
     path = write(tmp_path / "a", "mcap", rows(camera_info=False, mount=False))
     source = open_recording(path)

@@ -16,6 +16,7 @@ from deckline.extras import needs_extra
 from deckline.files import open_regular
 from deckline.recording.camera_file import MountedCamera
 from deckline.recording.pose_track import PoseTrack
+from deckline.recording.poses import drop_unknown_place
 from deckline.recording.ros_messages import decode_depth, decode_picture
 from deckline.recording.source import FrameError, Recording, RecordingError, check_index
 from deckline.types import Frame
@@ -136,7 +137,8 @@ class Bag(Recording):
                 mount = self._mount.at(time_s)
                 pose, mounted = (None, mounted) if mount is None else (pose, replace(mounted, body_from_camera=mount))
             depth, offset_s = self._find_depth(time_s), 0.0 if self._track is None else self._track.offset_s
-            return mounted.frame(file, time_s + offset_s, image, world_from_body=pose, depth_m=depth)
+            frame = mounted.frame(file, time_s + offset_s, image, world_from_body=pose, depth_m=depth)
+            return drop_unknown_place(frame, self._track)
 
     def _find_depth(self, time_s: float) -> NDArray[np.float32] | None:
         if self._depth is None:
