@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from deckline.dehaze.veil import LEVELS, VeilConfig, VeilDehazer, tone_table
+from deckline.dehaze.veil import LEVELS, VeilDehazer, tone_table
 from deckline_lab.evaluation.metrics import psnr_db
 
 AIRLIGHT = np.array([0.70, 0.74, 0.80])
@@ -53,12 +53,6 @@ def test_colours_show_that_there_is_no_haze():
     assert psnr_db(VeilDehazer()(grey), grey) < 27
 
 
-def test_more_strength_takes_off_more():
-    hazy, _ = textured_pair(0.004)
-    contrasts = [contrast(VeilDehazer(VeilConfig(strength=share))(hazy)[HORIZON:]) for share in (0.0, 0.3, 0.6, 0.9)]
-    assert contrasts == sorted(contrasts) and len(set(contrasts)) == len(contrasts)
-
-
 def with_airlight(colour: np.ndarray) -> np.ndarray:
     """The hazy patchwork (H, W, 3) in air of another colour."""
     hazy, _ = textured_pair(0.004)
@@ -86,9 +80,3 @@ def test_tone_lifts_dark_places_and_not_white() -> None:
     assert np.all(np.diff(table) >= 0)
     assert table[LEVELS // 4] > plain[LEVELS // 4] + 20
     np.testing.assert_allclose(table[plain > 0.9 * 255], plain[plain > 0.9 * 255], atol=0.5)
-
-
-@pytest.mark.parametrize("value", [-0.1, 1.0, float("nan")])
-def test_a_strength_out_of_range_is_an_error(value):
-    with pytest.raises(ValueError, match="strength"):
-        VeilConfig(strength=value)

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.spatial.transform import Rotation
 
 from deckline.checks import check_image
 from deckline.dehaze.base import Dehazer, DehazeResult, linear_step, mix, restore
@@ -27,18 +27,14 @@ VISIBILITY_PX = 320  # longer side of the image that the visibility is measured 
 USUAL_FOV_RAD = np.radians(60)  # of a camera that is not known
 
 
-def pose_from_horizon(camera: Camera, horizon: Horizon, height_m: float) -> RigidTransform:
-    """world_from_camera (z down, the sea at 0, heading 0) of a camera that sees this horizon from this height.
-
-    Lens distortion is ignored.
-    """
+def attitude_from_horizon(camera: Camera, horizon: Horizon) -> Rotation:
+    """world_from_camera (z down, heading 0) of a camera that sees this horizon; lens distortion is ignored."""
     offset = horizon.middle_px - camera.cy + horizon.slope * (camera.cx - (horizon.width_px - 1) / 2)
     down = np.array([-horizon.slope * camera.fx, camera.fy, -offset])
     down /= np.linalg.norm(down)
     ahead = np.array([0.0, 0.0, 1.0]) - down[2] * down
     ahead /= np.linalg.norm(ahead)
-    rotation = Rotation.from_matrix(np.stack([ahead, np.cross(down, ahead), down]))
-    return RigidTransform.from_components([0.0, 0.0, -height_m], rotation)
+    return Rotation.from_matrix(np.stack([ahead, np.cross(down, ahead), down]))
 
 
 def with_horizon_pose(frame: Frame, horizon: Horizon) -> Frame:
@@ -46,7 +42,7 @@ def with_horizon_pose(frame: Frame, horizon: Horizon) -> Frame:
     camera = frame.camera
     if not camera.known:
         camera = Camera.from_fov(camera.width, camera.height, USUAL_FOV_RAD)
-    return at_usual_height(replace(frame, camera=camera), pose_from_horizon(camera, horizon, USUAL_HEIGHT_M))
+    return at_usual_height(replace(frame, camera=camera), attitude_from_horizon(camera, horizon))
 
 
 class HorizonDehazer:
@@ -64,8 +60,7 @@ class HorizonDehazer:
 
     def __call__(self, image_rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
         check_image(image_rgb)
-        height, width = image_rgb.shape[:2]
-        return self.restore(Frame("", 0.0, image_rgb, Camera.unknown(width, height))).image_rgb
+        return self.restore(Frame("", 0.0, image_rgb)).image_rgb
 
     def restore(self, frame: Frame) -> DehazeResult:
         horizon = find_horizon_of(frame)

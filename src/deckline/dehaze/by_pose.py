@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import RigidTransform
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.checks import check_image
 from deckline.dehaze.base import DehazeResult
@@ -104,7 +104,7 @@ class GeometryDehazer:
         elif sea_z_m is None:
             sea_z_m = deck_z_m + self.config.sea_below_deck_m
         if sea_z_m is None or deck_z_m is None:
-            solution = self.solve(at_usual_height(frame, pose))
+            solution = self.solve(at_usual_height(frame, pose.rotation))
             return replace(solution, has_height=False) if isinstance(solution, GeometrySolution) else solution
         if sea_z_m < deck_z_m:
             return NotFitted(NoFit.SEA_ABOVE_DECK, f"z {sea_z_m:g} m over {deck_z_m:g} m; z points down")
@@ -134,9 +134,9 @@ class GeometryDehazer:
         return GeometrySolution(haze, invert_haze(view, t, clear_t, haze, with_noise(self.config, noise)), view.down)
 
 
-def at_usual_height(frame: Frame, world_from_camera: RigidTransform) -> Frame:
+def at_usual_height(frame: Frame, world_from_camera: Rotation) -> Frame:
     """A frame as from USUAL_HEIGHT_M above a sea at z = 0, without its depth, which is of true metres."""
-    pose = RigidTransform.from_components([0.0, 0.0, -USUAL_HEIGHT_M], world_from_camera.rotation)
+    pose = RigidTransform.from_components([0.0, 0.0, -USUAL_HEIGHT_M], world_from_camera)
     body = pose * frame.body_from_camera.inv()
     return replace(frame, world_from_body=body, sea_z_m=0.0, deck_z_m=None, depth_m=None)
 

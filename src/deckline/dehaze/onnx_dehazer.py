@@ -121,7 +121,7 @@ class OnnxDehazer:
         solution = None if self.geometry is None else self.geometry.solve(frame)
         if not isinstance(solution, GeometrySolution):
             return self._restore_without_fit(frame, solution)
-        air = 0.0 if self.network_only else clear_air_certainty(solution.haze.visibility_m)
+        air = 0.0 if self.network_only else linear_step(float(np.log(solution.haze.visibility_m)), *np.log(CLEAR_M))
         if air == 1:
             heights = f"{CLEAR_M[1] / USUAL_HEIGHT_M:g} heights of the camera"
             reach = f"{CLEAR_M[1] / 1e3:g} km" if solution.has_height else heights
@@ -203,11 +203,6 @@ def limit_change(image_rgb: Image, held_rgb: Image) -> Tensor:
     change = cv2.subtract(held_rgb, image_rgb, dtype=cv2.CV_32F)
     share = NETWORK_SHARE / (1 + np.square(max_channel(np.moveaxis(np.abs(change), 2, 0)) / np.float32(AGREE_LEVELS)))
     return np.asarray(change * share[..., None], dtype=np.float32)
-
-
-def clear_air_certainty(visibility_m: float) -> float:
-    """Certainty, 0 to 1, that air of this fitted visibility is clear."""
-    return linear_step(float(np.log(visibility_m)), *np.log(CLEAR_M))
 
 
 def darkest_detail(image_rgb: Image) -> float:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.checks import check_image, check_numbers
+from deckline.checks import check_image
 from deckline.dehaze.airlight import estimate_airlight_surface
 from deckline.dehaze.base import DehazeResult, linear_step
 from deckline.dehaze.filters import dark_channel, estimate_noise, guided_coefficients, mean_channel, min_channel
@@ -30,6 +30,8 @@ PATCH = 1 / 60  # of its width, as the next three: the dark channel's window
 GUIDE_RADIUS = 1 / 24
 GUIDE_EPS = 1e-3
 MAX_VEIL = 0.92
+MOST_STRENGTH = 0.95  # of the veil that is taken off; He et al. take 0.95
+OWN_LIGHT = 0.18  # of the airlight: what a scene's darkest details send themselves
 LEAST_LIGHT = 0.1, 0.25  # of the airlight, and of a pixel's own darkest colour over it: no mast gets darker
 DETAIL = 0.002  # of full scale: how much an image varies about its blurred self where half of the veil is sure
 DETAIL_SIGMA, DETAIL_SIDE = 3, 7  # px, of the blur; of the mean over that difference
@@ -52,17 +54,6 @@ SMOOTH_NOISE = 1.5  # sigmas of the contrast that is taken for noise
 TONE_SHARE = 0.8  # of the brightness lost with the veil is restored
 MIN_GAMMA = 0.55
 LEVELS = 4096  # of the table that gives it back
-
-
-@dataclass(frozen=True)
-class VeilConfig:
-    """Settings of the single-image dehazer."""
-
-    strength: float = 0.95  # of the veil that is taken off at most; He et al. take 0.95
-    darkest: float = 0.18  # of the airlight: what a scene's darkest details send themselves
-
-    def __post_init__(self) -> None:
-        check_numbers(self, "", "strength", "darkest", least=0, most=0.99)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,9 +79,6 @@ class VeilDehazer:
 
     name = "veil"
 
-    def __init__(self, config: VeilConfig | None = None) -> None:
-        self.config = config or VeilConfig()
-
     def __call__(self, image_rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
         return self._restore(image_rgb).image_rgb
 
@@ -106,7 +94,7 @@ class VeilDehazer:
         size = max(1, round(width * scale)), max(1, round(height * scale))
         small = to_full_scale(cv2.resize(image_rgb, size, interpolation=cv2.INTER_AREA))
         noise = estimate_noise(np.diff(image_rgb[:: max(1, height // 90)].astype(np.float32), axis=1)) / 255
-        air = estimate_air(small, noise, self.config)
+        air = estimate_air(small, noise)
         if air.strength == 0:
             return DehazeResult(image_rgb.copy(), "not dehazed: the picture is dark, or its dark places show no haze")
         return DehazeResult(remove_veil(image_rgb, air, find_gamma(small, air)))
@@ -117,7 +105,7 @@ def to_full_scale(levels: NDArray) -> Image:
     return np.asarray(levels, np.float32) / np.float32(255)
 
 
-def estimate_air(image: Image, noise: float, config: VeilConfig) -> Air:
+def estimate_air(image: Image, noise: float) -> Air:
     """Airlight and veil of an image (h, w, 3) of full scale whose pixels have this noise, 1-sigma."""
     import cv2
 
@@ -129,8 +117,8 @@ def estimate_air(image: Image, noise: float, config: VeilConfig) -> Air:
     # An opening of the smallest channel follows edges better than its minimum alone.
     opened = cv2.dilate(dark_channel(ratio, patch), np.ones((patch, patch), np.uint8))
     dark = cv2.GaussianBlur(opened, (0, 0), patch / 2).clip(0, 1)
-    strength = config.strength * _haziness(dark[~air.sky], ratio[~air.sky], airlight.mean(axis=(0, 1)))
-    veil = strength * np.clip((dark - config.darkest) / (1 - config.darkest), 0, 1)
+    strength = MOST_STRENGTH * _haziness(dark[~air.sky], ratio[~air.sky], airlight.mean(axis=(0, 1)))
+    veil = strength * np.clip((dark - OWN_LIGHT) / (1 - OWN_LIGHT), 0, 1)
     veil = np.minimum(veil, own_veil(image, airlight)).clip(0)
     grey = image.mean(axis=2)
     veil *= LEAST_SURE + (1 - LEAST_SURE) * detail_certainty(grey)
