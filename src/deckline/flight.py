@@ -26,10 +26,8 @@ from numpy.typing import NDArray
 from deckline.config import Engine, RunConfig
 from deckline.dehaze import DEHAZERS, Dehazer, DehazeResult, OnnxDehazer, dehaze_for_display, dehaze_frame
 from deckline.detect import DETECTORS, Detector, OnnxDetector, SearchingDetector, SearchScheduler
-from deckline.detect.crop import Box
 from deckline.detect.joined import FrameStack, view_joined
 from deckline.detect.prior import ImagePrior, prior_from_survey, project_prior
-from deckline.detect.scheduler import ViewJoined
 from deckline.guide import guidance
 from deckline.localize import Localizer, localize
 from deckline.monitors import Monitor, build_monitors
@@ -213,25 +211,16 @@ class Flight:
         tracked = None if prediction is None else prediction.runway
         if self._scheduler is not None:
             self._stack.add(frame, picture)
+        is_sure, joined = True, None  # the frames before confirm the box
         for known in (prior, tracked, self._survey):
             box = None if known is None else project_prior(frame, known)
             if known is not None and box is not None:
                 is_sure = known is tracked and self.tracker is not None and not self.tracker.is_flagged
                 velocity = ship_velocity(prediction, self.config)
                 joined = partial(view_joined, stack=self._stack, runway=known, velocity_m_s=velocity)
-                return self._detect_in_box(frame, picture, box, is_sure, joined)
-        box = None if self.tracker is None else self._image_prior.predict(frame)
-        return self._detect_in_box(frame, picture, box, is_sure=True)
-
-    def _detect_in_box(
-        self,
-        frame: Frame,
-        picture: NDArray[np.uint8],
-        box: Box | None,
-        is_sure: bool,
-        joined: ViewJoined | None = None,
-    ) -> Detection:
-        """Lines in the picture; `box`: where they should be, `is_sure`: as the frames before confirm."""
+                break
+        else:
+            box = None if self.tracker is None else self._image_prior.predict(frame)
         if self._scheduler is None:
             return self.detector(picture, box)
         return self._scheduler.detect(frame.time_s, picture, box, is_sure, joined)

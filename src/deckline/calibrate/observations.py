@@ -12,7 +12,7 @@ from deckline.dehaze.horizon import Horizon, find_horizon
 from deckline.dehaze.sea_view import EARTH_RADIUS_M
 from deckline.flight import Flight
 from deckline.geometry import Camera
-from deckline.localize.ransac import fit_pixel_line, undistort
+from deckline.localize.ransac import distort, fit_pixel_line, undistort
 from deckline.localize.solver import CORRELATION, CORRELATION_SIGMA, noise_inflation
 from deckline.recording import Recording
 from deckline.recording.scene_file import get_heights
@@ -137,8 +137,7 @@ def line_ends(detection: Detection, frame: Frame) -> Iterator[tuple[int, Array, 
         residuals = ((ideal @ normal + line.coefficients[2]) / sigma)[order]
         inflation = float(noise_inflation([residuals], CORRELATION, CORRELATION_SIGMA)[0])
         ends = (middle + reach * np.array([[-1.0], [1.0]])) * along - line.coefficients[2] * normal
-        rays = np.column_stack([ends, np.ones(2)]) @ np.linalg.inv(frame.camera.matrix).T
-        pixels = frame.camera.project(rays) if frame.camera.has_distortion else ends
+        pixels = distort(ends, frame.camera)
         if np.isfinite(pixels).all():
             yield number, pixels, np.full(2, max(inflation * np.sqrt(2 / weights.sum()), MIN_SIGMA_PX))
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.config import Deck, FrameNoise
+from deckline.geometry import cross
 from deckline.localize.depth import MIN_DOWN
 from deckline.localize.observations import Observations
 
@@ -24,7 +25,6 @@ MIN_SIGMA_RAD = 1e-5
 MIN_DEPTH_FRACTION = 1e-4
 MIN_HEIGHT_M = 1e-2  # of the camera over the deck; smaller heights are clamped
 DOWN = np.array([0.0, 0.0, 1.0])
-NEXT, LAST = np.array([1, 2, 0]), np.array([2, 0, 1])  # cyclic axes of a cross product
 # Factor on the stated 1-sigma of the angle between the lines: one frame may not see both over the same stretch.
 PARALLEL_FACTOR = 2.0
 CENTRE_SIGMA_M = 0.1  # of a painted centre line's place midway between the edge lines
@@ -140,7 +140,7 @@ def _linearize_pixels(context: Linearization) -> Terms:
     first[[0, 2, 4]], first[1], first[3] = point, lateral, DOWN
     first[5], first[6] = (0.0, lever_arm[2], -lever_arm[1]), (-lever_arm[2], 0.0, lever_arm[0])
     second[:], second[2], second[4] = direction, lateral, DOWN
-    normal, by_offset, by_azimuth, by_height, by_gain, by_roll, by_pitch = _cross(first, second)
+    normal, by_offset, by_azimuth, by_height, by_gain, by_roll, by_pitch = cross(first, second)
     by_roll[:, 1:] += normal[:, [2, 1]] * [1.0, -1.0]
     by_pitch[:, ::2] += normal[:, [2, 0]] * [-1.0, 1.0]
     by_slopes = by_height * offsets.T[..., None] + by_gain * gains.T[..., None]
@@ -209,11 +209,6 @@ def _linearize_depths(context: Linearization) -> Terms:
     jacobian[:, 2 * count + 4] = context.noise.depth_scale / scale
     sigma = max(context.noise.depth_fraction, MIN_DEPTH_FRACTION)
     return Terms((context.observations.log_depth[has_depth] - expected) / sigma, jacobian / sigma)
-
-
-def _cross(a: Array, b: Array) -> Array:
-    """Cross products (..., 3); numpy's own takes ten times as long for a few vectors."""
-    return a[..., NEXT] * b[..., LAST] - a[..., LAST] * b[..., NEXT]
 
 
 def linearize_state_prior(state: FitState, deck_z_m: float | None, noise: FrameNoise) -> Terms:

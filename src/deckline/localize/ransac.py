@@ -73,7 +73,7 @@ def fit_pixel_line(points: LinePoints, camera: Camera, rng: np.random.Generator)
         return None
     inliers = np.zeros(len(points), dtype=bool)
     inliers[index[inside]] = True
-    return PixelLine(line, inliers, _distort(ends, camera), _residual_sigma(data, inside, line))
+    return PixelLine(line, inliers, distort(ends, camera), _residual_sigma(data, inside, line))
 
 
 def least_squares_line(xy: Array, weights: Array | None = None) -> Array:
@@ -154,7 +154,8 @@ def _residual_sigma(data: WeightedPoints, inside: NDArray[np.bool_], line: Array
     return float(np.sqrt(w @ distance**2 / w.sum() * len(w) / max(len(w) - 2, 1)))
 
 
-def _distort(xy: Array, camera: Camera) -> Array:
+def distort(xy: Array, camera: Camera) -> Array:
+    """Pixels (N, 2) of the same camera without lens distortion as the real one sees them, (N, 2)."""
     if not camera.has_distortion:
         return xy
     rays = np.column_stack([xy, np.ones(len(xy))]) @ np.linalg.inv(camera.matrix).T

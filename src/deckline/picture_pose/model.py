@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
+from deckline.geometry import cross
 from deckline.picture_pose.sights import HorizonSight, LineSight
 from deckline.picture_pose.states import DIP_RAD, Belief, States
 
@@ -119,11 +120,6 @@ def horizon_innovation(belief: Belief, sight: HorizonSight, mount: Mount) -> Inn
     expected = ray[2] / length - DIP_RAD + mean[States.HORIZON_UP], step[2] / along + mean[States.HORIZON_TILT]
     variance = np.array([sight.sigma / length, sight.slope_sigma / along]) ** 2
     return Innovation(-np.array(expected), design, variance)
-
-
-def cross(a: Array, b: Array) -> Array:
-    """Cross products (..., 3); numpy's own takes ten times as long for a few vectors."""
-    return a[..., [1, 2, 0]] * b[..., [2, 0, 1]] - a[..., [2, 0, 1]] * b[..., [1, 2, 0]]
 
 
 def attitude_innovation(belief: Belief, level_from_body: Array, white_rad: float) -> Innovation:

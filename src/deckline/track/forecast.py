@@ -3,7 +3,6 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
 from deckline.config import RunConfig
@@ -123,12 +122,9 @@ def _add_motion_uncertainty(track: Track, variance_m2: float, turn_rad: float) -
             distance_m=None if protection.distance_m is None else protection.distance_m + bound_m,
         )
     ramp_sigma_m = None if ramp_sigma_m is None else float(np.hypot(ramp_sigma_m, sigma_m))
+    added = np.diag([variance_m2, 0.0, variance_m2])
     lines = {
-        side: _add_covariance(line, np.diag([variance_m2, 0.0, variance_m2])) for side, line in track.lines.items()
+        side: replace(line, covariance=line.covariance + added, relative_covariance=line.aircraft_covariance + added)
+        for side, line in track.lines.items()
     }
     return replace(track, lines=lines, protection=protection, ramp_sigma_m=ramp_sigma_m)
-
-
-def _add_covariance(line: RunwayLine, added: NDArray[np.float64]) -> RunwayLine:
-    relative = line.aircraft_covariance + added
-    return replace(line, covariance=line.covariance + added, relative_covariance=relative)

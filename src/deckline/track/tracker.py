@@ -11,7 +11,7 @@ from deckline.track.filter import predict, shift_reference, track_lines, update
 from deckline.track.forecast import Forecast, TrackMemory, describe_track
 from deckline.track.integrity import FaultMonitor, check_order
 from deckline.track.measurement import GatedMeasurement, Measurement, measure, select_consistent
-from deckline.track.motion import Aircraft, Pose, advance_aircraft, start_aircraft
+from deckline.track.motion import Aircraft, advance_aircraft, start_aircraft
 from deckline.track.protection import fault_gains
 from deckline.track.stated_width import compare_width
 from deckline.track.states import CORRELATION_TIME_S, SENSOR_FLOOR, initial_state
@@ -232,7 +232,14 @@ class Tracker:
         flags = context.flags + self._faults.active_flags(
             gated, memory.state, memory.extent, aircraft_m, time_s, config
         )
-        return self._track(memory, context, pose, gated, flags)
+        used = gated is not None and gated.accepted is not None
+        return replace(
+            describe_track(memory, pose, config),
+            state=TrackState.TRACKING if used else TrackState.COASTING,
+            flags=flags,
+            excluded=() if gated is None else gated.excluded,
+            diagnostics=context.diagnostics,
+        )
 
     def _start_flags(
         self, memory: TrackMemory, measurement: Measurement, gated: GatedMeasurement, context: FrameContext
@@ -264,23 +271,6 @@ class Tracker:
         step_s = 0.0 if memory.extent is None else time_s - memory.seen_s
         extent = update_extent(memory.extent, state, visible, ramp, step_s, along, self.config.tracking.gate_sigma)
         return replace(memory, state=state, extent=extent, seen_s=time_s, consistent_s=time_s)
-
-    def _track(
-        self,
-        memory: TrackMemory,
-        context: FrameContext,
-        pose: Pose | None,
-        gated: GatedMeasurement | None,
-        flags: Diagnostics,
-    ) -> Track:
-        used = gated is not None and gated.accepted is not None
-        return replace(
-            describe_track(memory, pose, self.config),
-            state=TrackState.TRACKING if used else TrackState.COASTING,
-            flags=flags,
-            excluded=() if gated is None else gated.excluded,
-            diagnostics=context.diagnostics,
-        )
 
 
 def noise_inflation(step_s: float, since_s: float, frames: int) -> float:
