@@ -45,21 +45,15 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise ValueError(f"{path}: not a TOML file: {error}") from None
 
 
-def config_from_table(cls: type[T], table: Mapping[str, Any], base: T | None = None, source: str = "config") -> T:
+def config_from_table(
+    cls: type[T], table: Mapping[str, Any], base: T | None = None, source: str = "config", prefix: str = ""
+) -> T:
     """As `read_config`, from a table that is already parsed.
 
     Args:
         source: name of the table's origin in errors.
+        prefix: of its keys in errors.
     """
-    return _build(cls, table, base, source, "")
-
-
-def to_toml_text(config: Any) -> str:
-    """Every field of a configuration as TOML that `read_config` reads back."""
-    return "\n".join(_table_lines(config, "")).lstrip("\n") + "\n"
-
-
-def _build(cls: type[T], table: Mapping[str, Any], base: T | None, source: str, prefix: str) -> T:
     hints = get_type_hints(cls)
     known: dict[str, Field[Any]] = {item.name: item for item in fields(cls) if item.init}  # type: ignore[arg-type]
     values = {}
@@ -77,6 +71,11 @@ def _build(cls: type[T], table: Mapping[str, Any], base: T | None, source: str, 
         raise ValueError(f"{source}: {f'[{prefix[:-1]}] ' if prefix else ''}{error}") from None
 
 
+def to_toml_text(config: Any) -> str:
+    """Every field of a configuration as TOML that `read_config` reads back."""
+    return "\n".join(_table_lines(config, "")).lstrip("\n") + "\n"
+
+
 def suggest_key(key: str, known: Collection[str]) -> str:
     """The end of an error about an unknown key: the nearest known one, else all of them."""
     near = get_close_matches(key, known, 1, LEAST_LIKENESS)
@@ -89,7 +88,7 @@ def _convert(hint: Any, value: Any, base: Any, source: str, key: str) -> Any:
         kinds: list[Any] = [kind for kind in _members(hint) if is_dataclass(kind)]
         if kinds:
             kind = type(base) if type(base) in kinds else kinds[0]
-            return _build(kind, value, base if isinstance(base, kind) else None, source, f"{key}.")
+            return config_from_table(kind, value, base if isinstance(base, kind) else None, source, f"{key}.")
     if isinstance(value, list):
         for kind in _members(hint):
             items = get_args(kind)

@@ -1,20 +1,21 @@
 """`deckline live`."""
 
+import logging
 import signal
+import time
 from collections.abc import Callable
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from deckline.cli.log import Level, make_log
 from deckline.cli.sources import SIMULATOR, SourceOptions
 from deckline.cli.views import ViewOptions
 from deckline.config import RunConfig
 from deckline.extras import needs_extra
-from deckline.files import lock_folder
+from deckline.files import lock_folder, printable
 from deckline.flight import Flight
 from deckline.interrupts import on_first_signal
 from deckline.live.clock import WallClock
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 
 DEFAULTS, SOURCE, VIEWS = RunOptions(), SourceOptions(), ViewOptions()
 FROM_AUTOPILOT = "mavlink"  # as the source of poses
+Level = Literal["info", "warning", "error"]
 
 
 def live(
@@ -80,7 +82,7 @@ def live(
     if duration is not None and not duration > 0:
         raise ValueError(f"--duration must be greater than 0, got {duration}")
     config = opening.place_poses(options.run_config())
-    wall, log = WallClock(), make_log(log_level)
+    wall, log = WallClock(), _make_log(log_level)
     with ExitStack() as stack:
         send = stack.enter_context(open_output(to, log.warning))
         pilot = _open_autopilot(mavlink, autopilot, poses, config, wall, log.info, stack)
@@ -122,6 +124,26 @@ def live(
     for line in (*([] if recorder is None else recorder.notes()), *_pose_losses(link)):
         log.warning(line)
     return 0
+
+
+class _Formatter(logging.Formatter):
+    """UTC to the millisecond, level, and the message as one printable line."""
+
+    def __init__(self) -> None:
+        self.converter = time.gmtime
+        super().__init__("%(asctime)s.%(msecs)03dZ %(levelname)s %(message)s", "%Y-%m-%dT%H:%M:%S")
+
+    def format(self, record: logging.LogRecord) -> str:
+        return printable(super().format(record))
+
+
+def _make_log(level: Level) -> logging.Logger:
+    """A logger of its own, outside of the tree of named loggers, that prints on stderr from `level` on."""
+    handler = logging.StreamHandler()
+    handler.setFormatter(_Formatter())
+    log = logging.Logger("deckline", level.upper())
+    log.addHandler(handler)
+    return log
 
 
 def _open_autopilot(

@@ -28,8 +28,8 @@ def prior_from_survey(survey: RunwaySurvey) -> RunwayPrior | None:
     return RunwayPrior(left, right, survey.sigma_m, float(np.deg2rad(survey.heading_sigma_deg)))
 
 
-def project_prior(frame: Frame, prior: RunwayPrior, sigmas: float = MARGIN_SIGMAS) -> Box | None:
-    """The part of the image in which the prior's lines lie, with a margin of so many sigmas.
+def project_prior(frame: Frame, prior: RunwayPrior) -> Box | None:
+    """The part of the image in which the prior's lines lie, with a margin of MARGIN_SIGMAS.
 
     None where no part of them is in view, without a pose, and for a prior that is not finite.
     """
@@ -37,13 +37,13 @@ def project_prior(frame: Frame, prior: RunwayPrior, sigmas: float = MARGIN_SIGMA
     numbers = [*prior.left_m.ravel(), *prior.right_m.ravel(), prior.sigma_m, prior.azimuth_sigma_rad]
     if pose is None or not np.isfinite(numbers).all():
         return None
-    angle = sigmas * prior.azimuth_sigma_rad
+    angle = MARGIN_SIGMAS * prior.azimuth_sigma_rad
     camera_from_world = pose.inv()
     parts = [_cut_ahead(camera_from_world.apply(line)) for a in (-angle, 0.0, angle) for line in _turn(prior, a)]
     points = np.concatenate(parts)  # a straight line's picture is straight: its ends bound it, and so do its margins'
     if not len(points):
         return None
-    margin = sigmas * prior.sigma_m / points[:, 2:]
+    margin = MARGIN_SIGMAS * prior.sigma_m / points[:, 2:]
     normalised = points[:, :2] / points[:, 2:]
     return _box_through_lens((normalised - margin).min(axis=0), (normalised + margin).max(axis=0), frame.camera)
 

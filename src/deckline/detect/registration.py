@@ -1,4 +1,4 @@
-"""How far two pictures of the same place are shifted, from the pictures alone."""
+"""How far two pictures are shifted, from the pictures alone: of one place, or from a camera that turns."""
 
 from typing import Any
 
@@ -6,12 +6,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from deckline.detect.crop import Box
+
 CELL_PX = 4  # the pictures are reduced so far
 BLUR_CELLS, BACKGROUND_CELLS = 1.5, 8.0  # 1-sigma: finer is noise, coarser the slope of sky and sea
 REACH_CELLS = 12  # the farthest shift that is looked for along each axis
 # Of pictures of one place. Two pictures of `cvn` at 1.27 km in 1500 m visibility have 0.44 and more, those of places
 # farther apart than was looked for 0.33 and less, in 3000 m visibility as in pure haze.
 MIN_CORRELATION = 0.38
+WIDTH_PX = 320  # of whole pictures that are compared
+MIN_RESPONSE = 0.1  # of the peak of their phase correlation; a lower one is chance, as between two scenes
 
 Float32 = NDArray[np.float32]
 
@@ -53,3 +57,31 @@ def _vertex(values: NDArray[Any]) -> float:
     before, middle, after = (float(value) for value in values)
     bend = before - 2 * middle + after
     return 0.5 * (before - after) / bend if bend < 0 else 0.0
+
+
+def small_grey(image_rgb: NDArray[np.uint8]) -> Float32:
+    """An image (H, W, 3) as grey levels, `WIDTH_PX` wide."""
+    height, width = image_rgb.shape[:2]
+    size = WIDTH_PX, max(round(height * WIDTH_PX / width), 2)
+    small = cv2.resize(image_rgb, size, interpolation=cv2.INTER_AREA)
+    return cv2.cvtColor(small, cv2.COLOR_RGB2GRAY).astype(np.float32)
+
+
+def picture_shift(before: Float32, after: Float32) -> NDArray[np.float64] | None:
+    """How far `after` is moved against `before`, both of `small_grey`: (du, dv) in image widths.
+
+    By phase correlation: an aircraft that turns moves all far objects alike. None where the pictures have nothing in
+    common, or another size.
+    """
+    if before.shape != after.shape:
+        return None
+    window = cv2.createHanningWindow(before.shape[::-1], cv2.CV_32F)
+    shift, response = cv2.phaseCorrelate(before, after, window)
+    return np.array(shift) / WIDTH_PX if response >= MIN_RESPONSE else None
+
+
+def move_box(box: Box, shift: NDArray[np.float64], image_width: int) -> Box:
+    """A box of an image so many px wide, moved by a shift (2,) in image widths."""
+    du, dv = shift * image_width
+    u0, v0, u1, v1 = box
+    return u0 + du, v0 + dv, u1 + du, v1 + dv

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.detect.crop import Box, box_around
-from deckline.detect.picture_shift import move_box, picture_shift, small_grey
 from deckline.detect.prior import widen
+from deckline.detect.registration import move_box, picture_shift, small_grey
 from deckline.detect.search import CropView, Search, agree, search_lines
 from deckline.types import Detection, Diagnostic, Diagnostics, Frame, LinePoints, Reason, RunwayEstimate
 

@@ -1,7 +1,7 @@
 """From an address to a camera."""
 
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Callable, Iterator
+from functools import partial
 from urllib.parse import parse_qsl, urlsplit
 
 import av
@@ -83,13 +83,13 @@ def open_camera(
     if scheme in ("udp", "rtp"):
         return NetworkStream(address, *same)
     if scheme in ("rtsp", "rtsps"):
-        return StreamCamera(hide_credentials(address), lambda: decode_container(lambda: _open_rtsp(address)), *same)
+        return StreamCamera(hide_credentials(address), _decode(address, "rtsp", LOW_DELAY | RTSP | BOUNDS), *same)
     if scheme == "srt":
         name = hide_credentials(address).partition("?")[0]  # a query may hold the passphrase
         _check_srt(name)
-        return StreamCamera(name, lambda: decode_container(lambda: _open_srt(address)), *same)
+        return StreamCamera(name, _decode(address, "mpegts", MPEG_TS | SRT), *same)
     path, options = _device(address, mounted, rate_hz)
-    return StreamCamera(path, lambda: decode_container(lambda: _open_device(path, options)), *same)
+    return StreamCamera(path, _decode(path, "v4l2", options | BOUNDS), *same)
 
 
 def is_camera(address: str) -> bool:
@@ -103,16 +103,10 @@ def hide_credentials(address: str) -> str:
     return parts._replace(netloc=parts.netloc.rpartition("@")[2]).geturl()
 
 
-def _open_rtsp(address: str) -> Any:
-    return av.open(address, format="rtsp", options={**LOW_DELAY, **RTSP, **BOUNDS}, timeout=(OPEN_S, LOST_S))
-
-
-def _open_srt(address: str) -> Any:
-    return av.open(address, format="mpegts", options={**MPEG_TS, **SRT}, timeout=(OPEN_S, LOST_S))
-
-
-def _open_device(path: str, options: dict[str, str]) -> Any:
-    return av.open(path, format="v4l2", options={**options, **BOUNDS}, timeout=(OPEN_S, LOST_S))
+def _decode(address: str, kind: str, options: dict[str, str]) -> Callable[[], Iterator[Picture]]:
+    """Opens an address as this kind of FFmpeg's, whenever it is called, and decodes it to its end."""
+    container = partial(av.open, address, format=kind, options=options, timeout=(OPEN_S, LOST_S))
+    return partial(decode_container, container)
 
 
 def _check_srt(name: str) -> None:

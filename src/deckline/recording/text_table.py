@@ -109,7 +109,7 @@ class TextTable:
             try:
                 values.extend([float(cells[index]) for index in at])
             except (ValueError, IndexError):
-                values.extend([_parse(cells, index) for index in at])
+                values.extend([parse_number(cells[index]) if index < len(cells) else float("nan") for index in at])
         return np.frombuffer(values, np.float64).reshape(len(self), len(at))
 
     def index_files(self) -> dict[str, int]:
@@ -168,7 +168,3 @@ def parse_number(text: str) -> float:
         return float(text)
     except ValueError:
         return float("nan")
-
-
-def _parse(cells: Sequence[str], index: int) -> float:
-    return parse_number(cells[index]) if index < len(cells) else float("nan")

@@ -5,6 +5,8 @@ vertical needle on the left; one above the glideslope has its horizontal needle 
 shows a red flag, never a centred needle.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,10 +22,10 @@ from deckline.report.draw import (
     shorten,
     wrap,
 )
-from deckline.report.lengths import METRES, WIDTHS, Lengths, lengths_of
 from deckline.report.status import STATUS_COLOURS
 from deckline.types import DepthMode, Guidance, PoseSource, Status, TrackState, Value
 
+METRES, WIDTHS = "m", "widths"
 BAND = (1280, 248)  # width, height, px
 LATERAL_DOT_M = 5.0  # sideways per dot: two dots, 10 m, lie outside the edge lines of a carrier's landing deck
 LATERAL_DOT_WIDTHS = 0.25  # sideways per dot where metres are not known: two dots, half a width, are an edge line
@@ -45,6 +47,28 @@ MODES = {
     DepthMode.NONE: "no distances",
 }
 IN_WIDTHS = "lengths in runway widths"
+
+
+@dataclass(frozen=True, eq=False)
+class Lengths:
+    """The lengths that people see."""
+
+    lateral: Value | None
+    """Positive: right of the centre line."""
+    height: Value | None
+    """Above the deck."""
+    distance: Value | None
+    """To the ramp, along the centre line; positive: ahead."""
+    unit: str
+    """METRES, or WIDTHS of the runway where its width is not stated."""
+
+
+def lengths_of(guidance: Guidance) -> Lengths:
+    """The lengths of a guidance, in metres unless it has runway widths alone."""
+    widths = guidance.in_widths
+    if widths is not None:
+        return Lengths(widths.lateral_deviation, widths.height_above_deck, widths.distance_to_ramp, WIDTHS)
+    return Lengths(guidance.lateral_deviation_m, guidance.height_above_deck_m, guidance.distance_to_ramp_m, METRES)
 
 
 def lateral_needle(guidance: Guidance) -> Value | None:

@@ -16,7 +16,7 @@ from deckline.flight import FrameResult
 from deckline.interrupts import on_first_signal
 from deckline.recording import BadFrame, FrameError, Recording, Source
 from deckline.report.provenance import Chain, settings_of
-from deckline.report.records import SKIPPED, FlightView, Record, frame_record, skipped_record
+from deckline.report.records import SKIPPED, FlightView, frame_record, skipped_record
 from deckline.report.run_folder import RunFolder, check_apart, resume_folder, start_folder
 from deckline.report.writer import RunWriter
 from deckline.types import Diagnostic, Frame, Reason
@@ -130,7 +130,10 @@ def _fly(
                     outcome = _flag_resumed(outcome)
                 result = None if isinstance(outcome, BadFrame) else outcome
                 if index >= folder.recorded:
-                    record = _make_record(outcome, chain)
+                    if isinstance(outcome, BadFrame):
+                        record = skipped_record(outcome)
+                    else:
+                        record = frame_record(outcome, chain.config.approach)
                     writer.write(record)
                     for view in views:
                         view(result, record)
@@ -189,12 +192,6 @@ def _flag_resumed(outcome: FrameResult | BadFrame) -> FrameResult | BadFrame:
     track = replace(outcome.track, flags=(*outcome.track.flags, RESUMED))
     guidance = replace(outcome.guidance, flags=(*outcome.guidance.flags, RESUMED))
     return replace(outcome, track=track, guidance=guidance)
-
-
-def _make_record(outcome: FrameResult | BadFrame, chain: Chain) -> Record:
-    if isinstance(outcome, BadFrame):
-        return skipped_record(outcome)
-    return frame_record(outcome, chain.config.approach)
 
 
 def _format_counts(counts: dict[str, int]) -> str:

@@ -17,7 +17,7 @@ from deckline.recording.images import encode_image
 from deckline.report.advice import advise
 from deckline.report.annotators import Window, crop_around, find_window, match_contrast, project_centre_line, resize
 from deckline.report.draw import Image
-from deckline.report.lengths import METRES, WIDTHS
+from deckline.report.instrument import METRES, WIDTHS
 from deckline.report.records import Record, lookup
 from deckline.types import SIDES, Frame
 
