@@ -18,7 +18,6 @@ def check_numbers(
     """Refuse numbers that are not finite or out of range, in fields of a dataclass; None and text pass.
 
     Args:
-        config: the dataclass.
         section: what its fields are called in errors, `section.field`; empty: the field alone.
         names: the fields; without any, all of them.
         least, above, most, below: the range; `above` and `below` leave the limit itself out.

@@ -21,7 +21,6 @@ def read_config(cls: type[T], path: Path, base: T | None = None) -> T:
     Args:
         cls: a dataclass. Its fields are float, int, str, bool, Path, tuples, Literals, dataclasses, or one of these or
             None; the text "none" is None.
-        path: the file.
         base: None: the defaults of `cls`.
 
     Raises:

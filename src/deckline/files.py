@@ -18,7 +18,7 @@ MOST_CONFIG_BYTES = 1 << 20
 MOST_PIXELS = 36_000_000  # of a picture: 8192x4320
 MOST_DEPTH = 50  # of tables in tables
 LARGEST_INTEGER = 2**63
-MOST_WORD = 200  # characters of a word in an error, such as a file's name
+MOST_WORD, MOST_LINE = 200, 2000  # characters of a word in an error, such as a file's name, and of all of it
 _TOML_KEY = r"""(?:"(?:[^"\\\n]|\\.)*"|'[^'\n]*'|[\w-]+)"""
 _DEEP_KEY = re.compile(rf"(?:\.[ \t]*{_TOML_KEY}[ \t]*){{{MOST_DEPTH}}}")
 # C0 and C1 controls, lone surrogates, line separators, marks that turn the direction of writing
@@ -152,8 +152,8 @@ def shorten(text: str, most: int) -> str:
     return f"{text[:head]}...{text[head + 3 - most :]}"
 
 
-def describe_error(error: BaseException, most: int = 2000) -> str:
-    """An error in one line of at most `most` characters; of the system's errors the file and the reason.
+def describe_error(error: BaseException) -> str:
+    """An error in one line of at most `MOST_LINE` characters; of the system's errors the file and the reason.
 
     A word, such as a file's name, loses its middle beyond `MOST_WORD` characters.
     """
@@ -161,7 +161,7 @@ def describe_error(error: BaseException, most: int = 2000) -> str:
     if isinstance(error, OSError) and error.strerror:
         names = [str(name) for name in (error.filename, error.filename2) if name is not None]
         text = f"{' -> '.join(names) or 'a file'}: {error.strerror}"
-    return shorten(" ".join(shorten(word, MOST_WORD) for word in text.split()), most)
+    return shorten(" ".join(shorten(word, MOST_WORD) for word in text.split()), MOST_LINE)
 
 
 def print_line(line: object) -> None:

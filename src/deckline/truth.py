@@ -42,26 +42,24 @@ def true_line(truth: Segment) -> RunwayLine:
     return RunwayLine(truth.p0_m, float(np.arctan2(along[1], along[0])), np.zeros((3, 3)))
 
 
-def true_centre(truth: Truth | None) -> Segment | None:
-    """The centre line between both true lines; None where there is no runway."""
-    if truth is None or truth.left is None or truth.right is None:
-        return None
-    return Segment((truth.left.p0_m + truth.right.p0_m) / 2, (truth.left.p1_m + truth.right.p1_m) / 2)
-
-
 def true_segments(truth: Truth | None) -> dict[str, Segment]:
     """The true left, right and centre lines by name; empty where there is no runway."""
-    centre = true_centre(truth)
-    if truth is None or truth.left is None or truth.right is None or centre is None:
+    if truth is None or truth.left is None or truth.right is None:
         return {}
-    return {"left": truth.left, "right": truth.right, "centre": centre}
+    left, right = truth.left, truth.right
+    return {"left": left, "right": right, "centre": Segment((left.p0_m + right.p0_m) / 2, (left.p1_m + right.p1_m) / 2)}
+
+
+def true_centre(truth: Truth | None) -> Segment | None:
+    """The centre line between both true lines; None where there is no runway."""
+    return true_segments(truth).get("centre")
 
 
 def true_width_m(truth: Truth | None) -> float | None:
     """Distance between the true edge lines at the ramp, across the runway, m; None where there is no runway."""
-    if truth is None or truth.left is None or truth.right is None:
+    if not (lines := true_segments(truth)):
         return None
-    return float(abs((truth.right.p0_m - truth.left.p0_m) @ _right(true_line(truth.left))))
+    return float(abs((lines["right"].p0_m - lines["left"].p0_m) @ _right(true_line(lines["left"]))))
 
 
 def lengths_in_widths(guidance: Guidance | None, width_m: float | None) -> InWidths | None:
@@ -157,12 +155,13 @@ def errors_against(
         return None
     placed = {} if measured.pose_source is PoseSource.PICTURE else estimate.lines
     found = {side: compare_line(placed[side], line) for side, line in segments.items() if side in placed}
-    names = ("direction_error_deg", "lateral_error_m", "height_error_m")
+    names = {  # in records, and of `compare_line`
+        "direction_error_deg": "direction_error_deg",
+        "lateral_error_at_ramp_m": "lateral_error_m",
+        "height_error_m": "height_error_m",
+    }
     errors: dict[str, dict[str, float | None]] = {
-        name.replace("lateral_error_m", "lateral_error_at_ramp_m"): {
-            side: found.get(side, {}).get(name) for side in segments
-        }
-        for name in names
+        written: {side: found.get(side, {}).get(name) for side in segments} for written, name in names.items()
     }
     return errors | {"guidance": _guidance_errors(measured, exact, true_width_m(truth))}
 

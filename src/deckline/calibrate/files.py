@@ -32,7 +32,6 @@ def describe(calibration: Calibration, pose_offset_s: float | None) -> list[str]
     """Lines of text: what is estimated, and what cannot be told apart.
 
     Args:
-        calibration: of an approach.
         pose_offset_s: the stated offset of poses by time; None: each picture has its own pose.
     """
     lines = [
@@ -71,8 +70,6 @@ def write_calibration(
 
     Args:
         folder: is made where it is missing.
-        view: of the approach.
-        calibration: of it.
         config: as the approach was calibrated with.
         pose_offset_s: as in `describe`.
     """

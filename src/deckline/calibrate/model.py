@@ -72,8 +72,6 @@ def residuals_px(view: ApproachView, reference: Reference, state: Array, disturb
     """Residuals (M + 2 H,), px: points normal to their lines, then the horizons' rows and their slopes over the width.
 
     Args:
-        view: the approach.
-        reference: of the runway.
         state: (13,).
         disturbances: (N, 10) of each frame in the order of DISTURBANCES; None: none. Attitude, rad, about world axes;
             position and heave, m; the deck's slopes, and the turn of the lines, rad, about the reference.

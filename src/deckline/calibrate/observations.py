@@ -152,7 +152,6 @@ def make_view(
 
     Args:
         frames: (N) with their poses.
-        poses: of the whole approach.
         lines: number of the frame, and what `line_ends` yields for it.
         horizons: number of the frame, and its horizon.
 

@@ -134,8 +134,6 @@ def solve(view: ApproachView, config: RunConfig, hold: tuple[str, ...] = ()) -> 
     """Estimate the camera's errors from an approach.
 
     Args:
-        view: of the approach.
-        config: sensors, deck and survey.
         hold: names of CAMERA_NAMES that stay as stated.
 
     Raises:

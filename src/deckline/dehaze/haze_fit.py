@@ -164,7 +164,6 @@ def fit_haze(
 
     Args:
         image: (H, W, 3) levels 0..255.
-        view: the sea in it.
         water: prior of the sea's colour in the same levels.
         noise_sigma: 1-sigma of a pixel's noise, levels; it shifts the quantile below the median.
     """

@@ -54,10 +54,7 @@ def find_objects(
 
     Args:
         image: (3, H, W) levels 0..255, as `haze` was fitted.
-        view: the sea in this image.
         deck: the deck's plane, seen as if it were endless.
-        haze: air and sea.
-        config: thresholds.
     """
     airlight = haze.airlight.astype(np.float32)[:, None, None]
     sea_t = np.exp(-haze.optical_depth(view.range_m))

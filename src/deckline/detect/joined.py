@@ -98,7 +98,6 @@ class FrameStack:
             w_i = ((d_0 / d_i) exp(-3.912 (d_i - d_0) / d_0))^2.
 
         Args:
-            crop: of the newest picture.
             network_size: width and height of the network's image.
             runway: where the runway should be, world: the plane is horizontal at its mean height.
             velocity_m_s: (2,) of the ship, north and east.
@@ -130,7 +129,6 @@ def view_joined(
     Args:
         search: of the newest picture; it has viewed the box.
         box: where the runway should be.
-        stack: of the pictures.
         runway, velocity_m_s: as for `FrameStack.join`.
 
     Returns:

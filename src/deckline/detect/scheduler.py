@@ -110,7 +110,6 @@ class SearchScheduler:
         """Lines in the next picture.
 
         Args:
-            time_s: of the picture.
             image_rgb: (H, W, 3).
             box: where the runway should be; None: not known.
             is_sure: the pictures before confirm the box.

@@ -281,7 +281,6 @@ def search_lines(search: Search, search_prior: Callable[[], CropView | None] | N
     without a prior. Tiles are searched while no pair lies ahead or is clear.
 
     Args:
-        search: of the image.
         search_prior: views the prior's box; None: there is no prior.
     """
     search.search_whole()

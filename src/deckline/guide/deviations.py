@@ -141,7 +141,6 @@ def guidance_status(estimate: RunwayEstimate, track: Track | None, flags: Diagno
     """The status of guidance from one frame and its track.
 
     Args:
-        estimate: of the frame.
         track: None: the frame is used alone.
         flags: of both.
         doubts: why two lines are not `ok` though nothing contradicts them.

@@ -69,12 +69,9 @@ def answer_record(
     """The message about a frame.
 
     Args:
-        answer: of the frame.
-        counts: of frames so far.
         now_s: time of sending, monotonic clock.
         offset_s: Unix time minus the monotonic clock.
         stale_s: an older answer is flagged.
-        approach: the wanted one.
     """
     result, age_s = answer.result, now_s - answer.at_s
     if age_s > stale_s:

@@ -124,14 +124,8 @@ def localize(
     Both lines count as seen when they agree in order, spacing, direction and near ends. Lines that contradict each
     other are dropped: no line is better than a wrong one. Without pose, depth or deck height the estimate has only the
     image lines, in mode NONE, and the reason. In mode FINE at least half of each line's points have a depth, in COARSE
-    fewer; in mode `auto` the fit uses both depth and deck height.
-
-    Args:
-        frame: camera, pose, and depth or deck height.
-        detection: points of the lines in the frame's image.
-        config: sensors, deck and depth mode.
-        rng: RANSAC's draws.
-        place: the estimator of the lines in the world.
+    fewer; in mode `auto` the fit uses both depth and deck height. `place` is the estimator of the lines in the world,
+    the rest as of a `Localizer`.
 
     Source: Li et al. 2024, section 3.2.
     """

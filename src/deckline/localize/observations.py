@@ -126,10 +126,7 @@ def initial_line(observations: Observations, number: int, normal: Array, z_m: fl
     The weight of a point is the inverse square of its distance.
 
     Args:
-        observations: the points.
-        number: which line.
         normal: (3,) world normal of the plane through the camera and the image line.
-        z_m: height of the deck.
 
     Returns:
         None for an image line along the horizon, which is no line on the deck.

@@ -44,7 +44,6 @@ def fit_pixel_line(points: LinePoints, camera: Camera, rng: np.random.Generator)
 
     Args:
         points: detected points; those with no confidence or a number that is not finite are never inliers.
-        camera: the camera that saw them.
         rng: draws the samples; the same state gives the same line.
 
     Returns:

@@ -72,10 +72,7 @@ def solve(
     """The most probable state.
 
     Args:
-        observations: the lines' points.
-        start: of the iteration.
         noise: 1-sigma of pose, calibration and depth.
-        deck: prior of the lines' geometry.
         deck_z_m: the reported deck height; None: it is not used.
         inflation: of an earlier solution; the prior of the lines' geometry is then used too. None: a fit without
             that prior measures it.

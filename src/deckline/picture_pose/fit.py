@@ -45,11 +45,9 @@ def fit_pose(
     """The most probable pose and its covariance, or why the picture gives none.
 
     Args:
-        time_s: of the picture.
         sights: its edge lines, both needed.
         level: horizon of the same picture and a sensor's attitude; without both the roll is as likely as
             `picture.roll_sigma_deg` states.
-        mount: of the camera.
         shared_sigma: (13,) of `States.SHARED`.
         config: what is stated of the runway and the aircraft.
     """

@@ -93,10 +93,7 @@ def unverified_reasons(belief: Belief, evidence: Evidence, shared_sigma: Array, 
     """Why a pose that no test flags is not verified.
 
     Args:
-        belief: of the present.
-        evidence: of its track.
         shared_sigma: (13,) as stated.
-        config: limits.
     """
     squares = [(test.bias / test.sigma) ** 2 for test in prior_tests(belief, shared_sigma, config)]
     focal_sigma = float(shared_sigma[States.FOCAL - States.SHARED.start])
@@ -123,11 +120,8 @@ def protection_levels(
     of the camera, another marking.
 
     Args:
-        belief: of the present.
         at_m: where the height is given, m along the runway.
-        has_ramp: whether the distance is known.
         shared_sigma: (13,) as stated.
-        config: limits.
     """
     test, size = config.integrity, len(shared_sigma)
     turned = float(np.deg2rad(test.max_boresight_deg))

@@ -89,7 +89,6 @@ def note_contradictions(
     """Remember which lines contradict the track; returns whether one is back that had done so for longer than a frame.
 
     Args:
-        memory: of the track.
         picture: whose lines passed the gate, or not. A line that it does not show changes nothing.
         lines: that passed.
         excluded: the others.

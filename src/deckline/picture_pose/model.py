@@ -126,7 +126,6 @@ def attitude_innovation(belief: Belief, level_from_body: Array, white_rad: float
     """Of roll and pitch as a sensor has them, rad: how far its vertical is off the belief's.
 
     Args:
-        belief: of the present.
         level_from_body: (3, 3) of the sensor; its heading does not matter.
         white_rad: 1-sigma of its noise that is new in every frame.
     """

@@ -98,8 +98,6 @@ class PictureTracker:
 
         Args:
             frame: without a pose; a camera that is not known is taken for a usual one, with a wide 1-sigma.
-            detection: points of its lines.
-            estimate: its lines in the image.
             flags: of the frame's monitors; they join those of the track.
         """
         given = frame

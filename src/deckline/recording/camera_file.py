@@ -79,8 +79,6 @@ def note_camera(name: str, camera: Camera, origin: str) -> str:
     """The note on which camera a source takes.
 
     Args:
-        name: of the source.
-        camera: that it takes.
         origin: where the camera comes from, such as "of camera.toml".
     """
     sigma = "" if camera.focal_sigma is None else f", focal length to {camera.focal_sigma:.0%}"
@@ -97,7 +95,6 @@ def check_fov(camera: Camera, fov_deg: float | None, where: str) -> None:
     """Raise RecordingError, which begins with `where`, for a camera that contradicts a stated field of view.
 
     Args:
-        camera: of a file.
         fov_deg: horizontal, degrees; None: nobody stated one.
     """
     if fov_deg is None:

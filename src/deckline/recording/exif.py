@@ -28,7 +28,6 @@ def camera_from_exif(path: Path, width: int, height: int) -> tuple[Camera | None
     """The pinhole that a picture's EXIF states, and what it states, for people.
 
     Args:
-        path: of the picture.
         width, height: of the upright picture, px.
 
     Returns:

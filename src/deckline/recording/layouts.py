@@ -136,7 +136,6 @@ def _find_camera(
     """The camera of pictures: given, beside them, or a pinhole of the stated field of view; and notes on it.
 
     Args:
-        path: of the source.
         picture: its first one that can be read; None: none, or a video.
         size: width and height of its first picture, px; None: none can be read.
         options: the caller's.

@@ -98,11 +98,9 @@ def make_track(
     """A track of poses as a file holds them; what is no pose, or not later than those before it, is left out and noted.
 
     Args:
-        name: of the file.
         times_s: (N,) the poses' clock.
         positions_m: (N, 3) world.
         quaternions_wxyz: (N, 4) world_from_body.
-        navigation: offset and longest gap.
 
     Raises:
         RecordingError: fewer than two poses, or a clock that jumps back by more than the longest gap.
@@ -135,7 +133,6 @@ def read_csv_track(path: Path, navigation: Navigation, video_times_s: Array | No
     """A track from poses.csv, whose rows go by time_s; its columns are those of `recording.poses`.
 
     Args:
-        path: the file.
         navigation: offset and longest gap. Without an offset, and with a column `file` of a video's frame numbers, the
             first row has the time of its frame.
         video_times_s: (M,) presentation times of a video.

@@ -68,7 +68,6 @@ def choose_columns(table: TextTable, *others: str) -> tuple[PoseColumns, list[st
     """The pose columns of a table, and notes on those that are ignored; errors as `TextTable.require`.
 
     Args:
-        table: of poses.
         others: further columns that must be there.
     """
     header = set(table.header)
@@ -148,7 +147,6 @@ def read_poses(path: Path, origin: tuple[float, float, float] | None = None) -> 
     """Read poses.csv whose rows name images.
 
     Args:
-        path: the file.
         origin: of the world, where positions are latitude, longitude and altitude; None: the first of them.
 
     Raises:

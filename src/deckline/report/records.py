@@ -166,8 +166,6 @@ def write_csv(path: Path, records: Iterable[Record], more: Mapping[str, Iterable
     """The records as a table, one row each; empty cells for what does not exist.
 
     Args:
-        path: the file.
-        records: one a row.
         more: further columns: name -> where the value lies in a record.
     """
     columns = {**COLUMNS, **more}

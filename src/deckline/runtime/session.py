@@ -61,7 +61,6 @@ def load_session(path: Path | str, engine: Engine = CPU) -> ModelSession:
 
     Args:
         path: a file exported by `deckline train`, or any other ONNX model.
-        engine: what computes it.
 
     Raises:
         ValueError: no such file, a file that is no ONNX model, or an engine that this machine has not.

@@ -68,9 +68,7 @@ def move_ramp_to_deck(frame: Frame, estimate: RunwayEstimate, state: FilterState
     One frame alone may know the deck's mean height only, and on a higher deck a ramp far ahead is nearer.
 
     Args:
-        frame: the pose.
         estimate: of the frame; None is returned for one without a ramp.
-        state: of this frame.
         gains: (20, 9) by `fault_gains`.
     """
     pose, ramp, sigma_m = frame.world_from_camera, estimate.ramp_m, estimate.ramp_sigma_m
@@ -110,7 +108,6 @@ def update_extent(
 
     Args:
         before: from the frame before, `step_s` earlier.
-        state: of this frame.
         visible: by `visible_extent`.
         ramp: of this frame; None: not in view.
         step_s: since `before`.

@@ -20,8 +20,6 @@ def predict(state: FilterState, time_s: float, aircraft_m: Array | None, config:
     """The state at a later time.
 
     Args:
-        state: at an earlier time.
-        time_s: the later time.
         aircraft_m: (3,) world; a drifting heading turns the line about it. None: not known, about the line's point.
         config: process noise of sensors and deck.
     """

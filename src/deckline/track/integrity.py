@@ -114,8 +114,6 @@ class FaultMonitor:
             state: None: the track is lost.
             extent: of the runway; None: not known.
             aircraft_m: (3,) world; None: not known.
-            time_s: of the frame.
-            config: limits.
         """
         messages = {} if gated is None else {diagnostic.reason: diagnostic.message for diagnostic in gated.excluded}
         flags: list[Diagnostic | None] = []
@@ -162,9 +160,7 @@ def _change_flag(
 
     Args:
         previous: of the track before, at its end.
-        state: of the new track.
         aircraft_m: (3,) world, about which a drifting heading turned the lines; None: about the old track's point.
-        config: limits.
     """
     before = predict(previous, state.time_s, aircraft_m, config)
     x, y, _ = before.local(state.point_m)

@@ -76,7 +76,6 @@ def advance_aircraft(aircraft: Aircraft, frame: Frame, sigma_m: float) -> tuple[
     """The aircraft at a later frame, and by how much its pose jumped, m; 0: it did not.
 
     Args:
-        aircraft: at an earlier time.
         frame: None is returned for one without a pose.
         sigma_m: of a pose's white noise.
     """

@@ -128,9 +128,7 @@ def bias_flag(state: FilterState, near_m: float, config: RunConfig, camera_m: Ar
     """The state that is most significantly off its prior, if any is.
 
     Args:
-        state: of the track.
         near_m: as in `prior_tests`.
-        config: limits.
         camera_m: (3,) world, for the message; None: not known.
     """
     tests = list(prior_tests(state, near_m, config))
@@ -162,11 +160,8 @@ def unverified_reasons(
     flights is doubted by a risk of one in 1,000. Source: Teunissen, "Distributional theory for the DIA method", 2018.
 
     Args:
-        state: of the track.
-        age_s: of the track.
         near_m: as in `prior_tests`.
         yaw_rad: by `undetected_yaw`.
-        config: limits.
     """
     young = age_s < config.integrity.persist_s or not is_drift_known(state, config)
     errors = np.array([test.bias / test.sigma for test in prior_tests(state, near_m, config)])

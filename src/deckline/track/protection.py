@@ -103,7 +103,6 @@ def protection_levels(
         ramp: None: not known.
         yaw_rad: by `undetected_yaw`.
         far: times by which 1-sigmas of place and direction are too small from so far away.
-        config: limits.
     """
     x = float(state.local(pose.position_m)[0])
     delay, sensors = delay_effect(state, pose, 0.0), config.sensors

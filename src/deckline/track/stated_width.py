@@ -31,9 +31,7 @@ def compare_width(state: FilterState, measurement: Measurement, mode: DepthMode,
 
     Args:
         state: the initial one.
-        measurement: of the frame.
         mode: of the frame: whether depth or the stated deck height scales the lines.
-        config: the stated width.
     """
     if config.deck.width_m is None or len(measurement.sides) < len(SIDES):
         return None

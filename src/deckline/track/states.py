@@ -130,10 +130,8 @@ def initial_state(time_s: float, line: RunwayLine, ramp_m: Array | None, config:
     """Nothing is known but that there is a runway near a measured line, whose point and direction are the reference.
 
     Args:
-        time_s: of the frame.
         line: measured, world.
         ramp_m: (3,) world, about where the runway begins and has its stated spacing; None: at the line's point.
-        config: priors.
     """
     width = config.deck.width_m
     mean = np.zeros(States.SIZE)
@@ -161,9 +159,7 @@ def transition_and_noise(dt_s: float, aircraft_x_m: float, config: RunConfig) ->
     """Transition matrix F (20, 20) over a time, and its process noise Q (20, 20).
 
     Args:
-        dt_s: the time.
         aircraft_x_m: of the aircraft from the state's point: a drifting heading turns the line about it.
-        config: sensors and deck.
     """
     sensors = config.sensors
     transition, noise = np.eye(States.SIZE), np.zeros((States.SIZE, States.SIZE))

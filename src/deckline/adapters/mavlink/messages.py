@@ -40,12 +40,7 @@ def touchdown_of(record: Record, firmware: str) -> Record | None:
 
 
 def landing_target(record: Record, firmware: str) -> Any:
-    """LANDING_TARGET at a record's time of sending, in the clock that answers TIMESYNC; None: nothing to send.
-
-    Args:
-        record: a live one.
-        firmware: a key of `FIRMWARES`.
-    """
+    """LANDING_TARGET at a record's time of sending, in the clock that answers TIMESYNC; None: nothing to send."""
     touchdown = touchdown_of(record, firmware)
     if touchdown is None:
         return None
@@ -72,7 +67,6 @@ def ship_beacon(record: Record, origin: Origin) -> Any:
     """GLOBAL_POSITION_INT of the touchdown point, heading along the landing; None: nothing to send.
 
     Args:
-        record: a live one.
         origin: of the world, North-East-Down.
     """
     touchdown = touchdown_of(record, PX4)  # in the world, as the beacon is
@@ -115,9 +109,7 @@ def status_text(record: Record, silent_s: float | None, firmware: str) -> Any:
     """STATUSTEXT of a record, whole words within `TEXT_LENGTH`.
 
     Args:
-        record: a live one.
         silent_s: since the last LANDING_TARGET; None: there was none.
-        firmware: a key of `FIRMWARES`.
     """
     age = ""
     if silent_s is not None and touchdown_of(record, firmware) is None:

@@ -166,12 +166,7 @@ def _seen(result: FrameResult) -> Values:
 
 
 def _lines(result: FrameResult, deck: RigidTransform | None) -> list[Values]:
-    """The lines of the track, else of the frame, from the ramp on: in the world, of a pose of the picture in the deck.
-
-    Args:
-        result: of a frame.
-        deck: `deck_from_body`.
-    """
+    """The lines of the track, else of the frame, from the ramp on: in the world; of the picture's pose in the deck."""
     frame, parent, parent_from_world = result.frame, MAP, MAP_FROM_WORLD
     if frame.pose_source is PoseSource.PICTURE and deck is not None and frame.world_from_body is not None:
         parent, parent_from_world = DECK, UPRIGHT * deck * frame.world_from_body.inv()
