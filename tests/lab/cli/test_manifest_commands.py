@@ -19,7 +19,13 @@ from deckline.runtime.weights import WEIGHTS
 from deckline_lab.cli import train_dehaze, train_detect
 from deckline_lab.rivals import LAB_WEIGHTS
 
-MODELS = [(folder, model) for folder in (WEIGHTS, LAB_WEIGHTS) for model in shipped_models(folder).values()]
+QUANTIZED = {"hybrid-int8": "hybrid"}  # no training: made from another model's file
+MODELS = [
+    (folder, model)
+    for folder in (WEIGHTS, LAB_WEIGHTS)
+    for model in shipped_models(folder).values()
+    if model.name not in QUANTIZED
+]
 COARSE = {"network", "size", "unshuffle"}  # is network = "coarse-t" since
 SHAPE = {"head", "grid", "channels", "fc_hidden", "pretrained", "frozen_blocks"}  # is network = "ufld" and its shape
 FORMER = {  # what a file stores by a name that no present setting has
@@ -27,6 +33,7 @@ FORMER = {  # what a file stores by a name that no present setting has
     "paper-scene": COARSE,
     "ufld": {"losses.similarity", *(f"network.{name}" for name in SHAPE)},
 }
+ROOT = Path(__file__).parents[3]
 PLACEHOLDER, PATH = r"[A-Z]+", r"[\w.-]+(/[\w.-]+)+"
 
 
@@ -72,3 +79,11 @@ def test_its_words_are_paths_or_explained(shipped: tuple[Path, ShippedModel], mo
     assert all(re.fullmatch(f"{PLACEHOLDER}|{PATH}", name) for name in recordings)
     placeholders = [word for word in shlex.split(model.command) if re.fullmatch(PLACEHOLDER, word)]
     assert all(re.search(rf"\b{word} (is|are)\b", model.note) for word in placeholders)
+
+
+@pytest.mark.parametrize(("name", "source"), QUANTIZED.items())
+def test_a_quantized_model_is_made_by_a_script_and_stores_what_its_source_does(name: str, source: str) -> None:
+    program, script, path, *_ = shlex.split(shipped_models()[name].command)
+    assert program == "python" and (ROOT / script).is_file() and ROOT / path == shipped_weights(source)
+    one, other = (load_session(shipped_weights(each), Engine(threads=1)).config for each in (name, source))
+    assert one == other
