@@ -61,6 +61,8 @@ def main() -> None:
         prepared = Path(folder) / "prepared.onnx"
         quant_pre_process(given.model, prepared, skip_symbolic_shape=True)
         nodes = onnx.load(prepared).graph.node
+        if not any("/backbone/" in node.name for node in nodes):
+            parser.error(f"{given.model} has no backbone by that name: only networks hybrid are quantized")
         kept = [node.name for node in nodes if "/backbone/" not in node.name]
         quantize_static(
             prepared,

@@ -192,7 +192,9 @@ def test_runway_widths_leave_no_tile_empty_and_the_pose_is_tagged(flying, page):
     wait(page, ".board:not(.old)")
 
 
-@pytest.mark.parametrize("size", [(1920, 1080), (1024, 768), (800, 900), (390, 844)], ids=lambda size: f"{size[0]}")
+@pytest.mark.parametrize(
+    "size", [(1920, 1080), (1366, 768), (1024, 768), (800, 900), (700, 1000), (390, 844)], ids=lambda size: f"{size[0]}"
+)
 def test_no_text_is_cut_at_any_size(page, size):
     page.set_viewport_size({"width": size[0], "height": size[1]})
     wait(page, "#whole image[href^=blob]")

@@ -49,11 +49,16 @@ def test_the_page_decodes_as_deckline_does(page, crop_rgb):
     assert page["runway_probability"](output.region) == pytest.approx(probability, abs=1e-6)
 
 
-@pytest.mark.parametrize(("name", "px"), [("hybrid", 0.02), ("hybrid-int8", 0.5)])
-def test_the_reference_is_what_the_network_gives(page, crop_rgb, reference, name, px):
+OF_8_BITS = 0.6, 0.0, 0.1, 0.3  # largest difference: x, y, px; confidence; sigma, px
+
+
+@pytest.mark.parametrize(("name", "most"), [("hybrid", (0.02, 0.0, 0.02, 0.02)), ("hybrid-int8", OF_8_BITS)])
+def test_the_reference_is_what_the_network_gives(page, crop_rgb, reference, name, most):
     output = DETECTORS[name](Engine(threads=1)).infer(page["network_input"](crop_rgb)[0])
     for side, logits in zip(("left", "right"), output.rows, strict=False):
         points = np.array(reference[f"{side}: x, y, confidence, sigma"])
         assert len(points) > 30
-        np.testing.assert_allclose(page["row_points"](logits), points, atol=px)
+        off = np.abs(page["row_points"](logits) - points)
+        assert np.all(off <= most)
+        assert np.all(np.median(off, axis=0) <= np.array(most) / 5)
     assert reference["runway_probability"] == pytest.approx(page["runway_probability"](output.region), abs=1e-3)

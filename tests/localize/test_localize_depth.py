@@ -86,6 +86,16 @@ def test_auto_prefers_coarse_when_most_points_have_no_depth(monkeypatch):
 
 
 @pytest.mark.parametrize("mode", [DepthMode.FINE, DepthMode.COARSE])
+def test_points_are_located_on_the_true_line(mode):
+    found = place(mode)
+    along = (LEFT.p1_m - LEFT.p0_m) / np.linalg.norm(LEFT.p1_m - LEFT.p0_m)
+    off = found.points_m - LEFT.p0_m
+    assert np.abs(np.cross(off, along)).max() < (1e-6 if mode is DepthMode.COARSE else 1e-3)  # depth is float32
+    assert len(found) == 40
+    assert found.common_m.shape == (9, 40, 3)
+
+
+@pytest.mark.parametrize("mode", [DepthMode.FINE, DepthMode.COARSE])
 def test_displacements_equal_finite_differences(mode, monkeypatch):
     """Pose, deck, calibration and pixels are changed by a small step each."""
     monkeypatch.setattr(depth, "MIN_SIGMA_PX", 1e-4)
@@ -110,6 +120,12 @@ def test_displacements_equal_finite_differences(mode, monkeypatch):
     if mode is DepthMode.COARSE:
         change = place(mode, points_px=POINTS.points_px + np.array([1e-3, 0.0]), sigma_px=sigma, noise=noise).points_m
         np.testing.assert_allclose(change - base.points_m, base.pixel_m, atol=1e-3 * np.abs(base.pixel_m).max())
+
+
+def test_heading_and_position_errors_vanish_relative_to_the_aircraft():
+    found = place(DepthMode.FINE)
+    np.testing.assert_allclose(found.relative_m[2:7], 0, atol=1e-12)
+    assert np.abs(found.relative_m[:2]).max() > 0.05
 
 
 @pytest.mark.parametrize(

@@ -77,19 +77,16 @@ def test_exact_points_give_the_papers_lines(paper, camera, mode):
     assert between[0] <= abs(centre.azimuth_rad) <= between[1]
 
 
-@pytest.mark.parametrize(("side", "sign"), [("left", 1), ("right", -1)])
-def test_one_line_is_located_exactly_and_has_a_centre_only_with_a_known_width(side, sign):
-    found = replace(detection(FAR, PARALLEL_RIGHT), **{"right" if side == "left" else "left": EMPTY})
-    estimate = locate(FAR, found)
-    assert (estimate.seen, set(estimate.lines)) == (LineVisibility.ONE, {side})
+def test_one_line_has_a_centre_only_with_a_known_width():
+    found = Detection(EMPTY, detection(NEAR).right)
+    estimate = locate(NEAR, found)
+    assert (estimate.seen, set(estimate.lines)) == (LineVisibility.ONE, {"right"})
     assert reasons(estimate) == [Reason.NO_CENTRE_LINE]
-    truth = {"left": LEFT, "right": PARALLEL_RIGHT}[side]
-    np.testing.assert_allclose(ramp_error(estimate.lines[side], truth), 0, atol=1e-6)
-    known = locate(FAR, found, still_deck(width_m=14.0))
-    assert set(known.lines) == {side, "centre"}
-    line, centre = known.lines[side], known.lines["centre"]
+    known = locate(NEAR, found, still_deck(width_m=14.0))
+    assert set(known.lines) == {"right", "centre"}
+    line, centre = known.lines["right"], known.lines["centre"]
     right = np.array([-np.sin(line.azimuth_rad), np.cos(line.azimuth_rad), 0.0])
-    np.testing.assert_allclose(centre.point_m - line.point_m, sign * 7 * right, atol=1e-9)
+    np.testing.assert_allclose(centre.point_m - line.point_m, -7 * right, atol=1e-9)
 
 
 def test_a_line_none_of_whose_points_lies_on_its_plane_is_dropped(monkeypatch):
@@ -104,6 +101,15 @@ def test_a_line_none_of_whose_points_lies_on_its_plane_is_dropped(monkeypatch):
     estimate = locate(NEAR, detection(NEAR))
     assert (estimate.seen, set(estimate.lines)) == (LineVisibility.ONE, {"right"})
     assert Reason.NO_POINTS in reasons(estimate)
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_one_line_is_located_exactly(side):
+    found = detection(FAR, PARALLEL_RIGHT)
+    estimate = locate(FAR, replace(found, **{"right" if side == "left" else "left": EMPTY}))
+    assert estimate.seen is LineVisibility.ONE
+    truth = {"left": LEFT, "right": PARALLEL_RIGHT}[side]
+    np.testing.assert_allclose(ramp_error(estimate.lines[side], truth), 0, atol=1e-6)
 
 
 UPSIDE_DOWN = MIDDLE.body_from_camera * RigidTransform.from_rotation(Rotation.from_euler("z", np.pi))
@@ -122,6 +128,25 @@ def test_an_impossible_or_missing_pose_gives_no_runway(changes, reason, seen):
     assert (estimate.seen, estimate.mode, estimate.lines) == (seen, DepthMode.NONE, {})
     assert (len(estimate.pixel_lines) == 2) == (seen is LineVisibility.BOTH)
     assert reasons(estimate) == [reason]
+
+
+def test_third_of_outliers_does_not_bias():
+    generator = np.random.default_rng(2)
+    exact = detection(FAR, PARALLEL_RIGHT, 40, 0.3)
+    errors = []
+    for _ in range(20):
+        lines = []
+        for points in (exact.left, exact.right):
+            noisy = shift_points(points, generator)
+            noisy.points_px[generator.choice(40, 12, replace=False), 0] += generator.uniform(-60, 60, 12)
+            lines.append(noisy)
+        estimate = locate(FAR, Detection(*lines), STILL, generator)
+        assert estimate.seen is LineVisibility.BOTH
+        line = estimate.lines["left"]
+        error, covariance = error_at(line.point_m, line.azimuth_rad, line.covariance, LEFT, LEFT.p0_m)
+        errors.append(error[:2] / np.sqrt(np.diag(covariance)[:2]))
+    assert np.abs(errors).max() < 3
+    assert np.abs(ramp_error(line, LEFT)[0]) < 0.3
 
 
 def test_outliers_within_the_reach_of_ransac_have_no_weight():

@@ -36,6 +36,12 @@ def test_depth_noise_larger_than_stated_inflates_the_depths_alone():
     assert 3.5 < solution.inflation["depth"] < 6.5
 
 
+def test_reported_height_that_contradicts_the_depths_has_a_large_innovation():
+    frame = with_depth(approach(60.0, 6.0, right=PARALLEL_RIGHT))
+    found = detection(frame, PARALLEL_RIGHT)
+    assert solve_from_offset(frame, found, deck_z_m=LEFT.p0_m[2] + 1.0).height_score > 5
+
+
 SIGMA = 0.3
 
 
@@ -54,7 +60,7 @@ def residuals(count, correlation, rng, dispersion=1.0):
     return errors - design @ (inverse @ errors), inverse @ errors
 
 
-def error_ratio(count, correlation, prior, sigma=SIGMA, tries=200):
+def error_ratio(count, correlation, prior, sigma=SIGMA, tries=300):
     """Mean squared error over the stated variance, per fitted number, of two lines."""
     rng = np.random.default_rng(4)
     design = regression(count, correlation)[0]
@@ -73,7 +79,6 @@ def test_large_residuals_inflate_the_noise_and_small_ones_do_not_shrink_it():
     np.testing.assert_allclose(noise_inflation([noise, 0.01 * noise], 0.0, SIGMA), [1.0, 1.0], atol=0.05)
     assert noise_inflation([np.full(200, 0.1)], 0.2, SIGMA).tolist() == [1.0]  # correlated, but small
     assert noise_inflation([np.zeros(0)], 0.2, SIGMA).tolist() == [1.0]
-    assert noise_inflation([np.ones(3)], 0.5, SIGMA).tolist() == [1.0]  # too few for any estimate
     assert noise_inflation([np.zeros(6), np.zeros(6)], 0.2, SIGMA).tolist() == [1.0, 1.0]
 
 
@@ -102,3 +107,14 @@ def test_known_correlation_gives_the_effective_sample_size(correlation):
     factors = [noise_inflation([residuals(200, correlation, rng)[0]], correlation, 0.0)[0] for _ in range(20)]
     expected = np.sqrt((1 + correlation) / (1 - correlation))
     np.testing.assert_allclose(np.median(factors), expected, rtol=0.05)
+
+
+def test_few_residuals_leave_the_prior_and_many_overrule_it():
+    rng = np.random.default_rng(7)
+
+    def mean_factor(count, prior):
+        return np.mean([noise_inflation([residuals(count, 0.0, rng)[0]], prior, SIGMA)[0] for _ in range(50)])
+
+    assert mean_factor(4, 0.7) > 1.5 * mean_factor(4, -0.5)
+    assert mean_factor(200, 0.7) < 1.15 * mean_factor(200, -0.5)
+    assert noise_inflation([np.ones(3)], 0.5, SIGMA)[0] == 1.0  # too few for any estimate

@@ -92,7 +92,7 @@ def test_an_angle_of_the_lines_that_is_stated_is_used():
 def test_errors_agree_with_the_covariance(config, horizon):
     """Everything that the prior states is drawn from it: camera, width, slopes, paint, roll, horizon, pixels."""
     scores = []
-    for seed in range(200):
+    for seed in range(300):
         rng = np.random.default_rng([seed, horizon, config is ROUGH])
         place = replace(draw_place(rng), roll=rng.normal(0, config.picture.roll_sigma_rad))
         drawn = rng.normal(0, shared_sigmas(CAMERA, config))
@@ -111,8 +111,8 @@ def test_errors_agree_with_the_covariance(config, horizon):
             off, sigma = errors_of(belief, place)
             scores.append(off / sigma)
     scores = np.array(scores)
-    assert len(scores) > 190
-    np.testing.assert_allclose(np.mean(scores**2, axis=0), 1.0, atol=0.3)  # chance: 0.1
+    assert len(scores) > 290
+    np.testing.assert_allclose(np.mean(scores**2, axis=0), 1.0, atol=0.27)  # chance: 0.08
     assert 0.93 < np.mean(np.abs(scores) < 1.96) < 0.97
 
 
@@ -148,9 +148,6 @@ def upright(u, sigma=1e-3):
     return replace(sights_of(see())["left"], rays=rays, across=np.array([1.0, 0.0]), sigma=np.full(2, sigma))
 
 
-SEEN = sights_of(see())
-
-
 def refusal(sights, horizon=None, mount=CAMERA_MOUNT, config=LEVEL):
     found = fit_pose(0.0, sights, LevelSight(horizon), mount, shared_sigmas(CAMERA, config), config)
     return found.reason if isinstance(found, Diagnostic) else found
@@ -160,18 +157,21 @@ def refusal(sights, horizon=None, mount=CAMERA_MOUNT, config=LEVEL):
     ("sights", "reason"),
     [
         ({}, Reason.NO_VANISHING_POINT),
-        ({"left": SEEN["left"]}, Reason.NO_VANISHING_POINT),
+        ({"left": sights_of(see())["left"]}, Reason.NO_VANISHING_POINT),
         ({"left": upright(-0.2), "right": upright(0.2)}, Reason.NO_VANISHING_POINT),  # parallel in the picture
         ({"left": upright(0.1), "right": upright(0.1)}, Reason.NO_VANISHING_POINT),  # one line twice
-        (mirrored(SEEN, rows=True), Reason.NO_VANISHING_POINT),  # upside down, a staircase
-        (dict(zip(SIDES, list(SEEN.values())[::-1], strict=True)), Reason.CROSSED),
-        (sights_of(see(Place(100.0, 0.0, 30.0, np.deg2rad(80.0)))), Reason.NO_VANISHING_POINT),
-        ({side: replace(one, sigma=2000 * one.sigma) for side, one in SEEN.items()}, Reason.NO_VANISHING_POINT),
+        (mirrored(sights_of(see()), rows=True), Reason.NO_VANISHING_POINT),  # upside down, a staircase
+        (dict(zip(SIDES, list(sights_of(see()).values())[::-1], strict=True)), Reason.CROSSED),
     ],
-    ids=["none", "one", "parallel", "same", "up", "crossed", "on its side", "too unsure"],
+    ids=["none", "one", "parallel", "same", "up", "crossed"],
 )
 def test_what_is_no_runway_ahead_is_refused(sights, reason):
     assert refusal(sights) is reason
+
+
+def test_a_picture_on_its_side_is_refused():
+    place = Place(roll=np.deg2rad(80.0), distance_m=100.0, height_m=30.0, lateral_m=0.0)
+    assert refusal(sights_of(see(place))) is Reason.NO_VANISHING_POINT
 
 
 def test_a_mirrored_picture_is_the_mirrored_approach():
@@ -182,6 +182,14 @@ def test_a_mirrored_picture_is_the_mirrored_approach():
     np.testing.assert_allclose(other.mean[States.PLACE], sign * one.mean[States.PLACE], atol=0.02)
     headings = [np.arctan2(belief.rotation[1, 0], belief.rotation[0, 0]) for belief in (one, other)]
     assert headings[0] == pytest.approx(-headings[1], abs=1e-4)
+
+
+def test_lines_too_unsure_to_show_where_they_meet_are_refused():
+    sights = sights_of(see())
+    assert isinstance(refusal(sights), Belief)
+    assert refusal({side: replace(one, sigma=2000 * one.sigma) for side, one in sights.items()}) is (
+        Reason.NO_VANISHING_POINT
+    )
 
 
 def test_a_horizon_that_contradicts_the_lines_is_refused():

@@ -8,7 +8,16 @@ from scipy.spatial.transform import RigidTransform
 from deckline.config import Deck, RunConfig
 from deckline.geometry import Camera
 from deckline.track import Tracker
-from deckline.types import DepthMode, Diagnostic, Frame, LineVisibility, Reason, RunwayEstimate, RunwayLine, Track
+from deckline.types import (
+    DepthMode,
+    Diagnostic,
+    Frame,
+    LineVisibility,
+    Reason,
+    RunwayEstimate,
+    RunwayLine,
+    Track,
+)
 
 CALM = RunConfig(deck=Deck(sea_state=0.0))
 KNOWN = RunConfig(deck=Deck(sea_state=0.0, width_m=15.0))

@@ -46,9 +46,9 @@ def test_a_pitching_deck_is_followed_within_a_fifth_of_a_second_and_smoothed():
 def test_memory_does_not_grow_with_the_flight():
     rng, tracker = np.random.default_rng(2), Tracker(CALM)
     sizes = []
-    for index in range(120):
+    for index in range(240):
         advance(tracker, view(index / RATE_HZ), seen(rng))
-        if index in (40, 119):
+        if index in (40, 239):
             sizes.append(len(pickle.dumps(vars(tracker))))
     assert abs(sizes[1] - sizes[0]) < 50  # digits of a frame's name, no more
 
@@ -67,7 +67,7 @@ def test_on_a_deck_that_heaves_pitches_and_rolls_errors_are_as_large_as_stated()
     """The simulator's ship: the tracker knows neither turning point nor periods; once a calmer sea is stated."""
     most = {4.0: 3.0, 5.0: 2.4}  # stated sea state, and the largest usual ratio of error and 1-sigma
     ratios, misses = {sea_state: [] for sea_state in most}, {sea_state: [] for sea_state in most}
-    for seed in range(7100, 7102):
+    for seed in range(7100, 7104):
         flights = FlightsConfig(seed=seed, preset="cvn", options=RunOptions(grade="good", sea_state=5.0))
         configs = [replace(flights.run, deck=Deck(sea_state=sea_state)) for sea_state in most]
         for frame, *tracks in fly(flights.approach(0), *configs):
@@ -84,8 +84,8 @@ def test_on_a_deck_that_heaves_pitches_and_rolls_errors_are_as_large_as_stated()
                 if frame.depth_m is not None and np.isfinite(frame.depth_m).sum() > 1000:
                     misses[sea_state].append(abs(found["height_m"]))
     for sea_state, limit in most.items():
-        assert len(ratios[sea_state]) > 70
+        assert len(ratios[sea_state]) > 140
         assert np.all(np.median(np.abs(ratios[sea_state]), axis=0) < 0.9)
         assert np.all(np.percentile(np.abs(ratios[sea_state]), 95, axis=0) < limit)
-        assert len(misses[sea_state]) > 5
+        assert len(misses[sea_state]) > 10
         assert np.percentile(misses[sea_state], 95) < 0.3  # of a deck that moves by 1.6 m where aircraft touch down

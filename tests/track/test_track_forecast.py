@@ -35,7 +35,7 @@ def forecasts(flight, ahead_s):
 
 def test_errors_of_a_forecast_agree_with_its_covariance():
     shares = []
-    for seed in range(2):
+    for seed in range(3):
         errors, sigmas = forecasts(Flight(seed=seed, rate_hz=5.0), 0.3)
         shares.append(np.mean(np.abs(errors) < 2 * sigmas, axis=0))
     assert np.all(np.mean(shares, axis=0) > 0.9)

@@ -9,7 +9,12 @@ from scipy.linalg import expm
 from scipy.spatial.transform import RigidTransform, Rotation
 from steady_view import view
 
-from deckline.track.motion import DAMPING, advance_aircraft, oscillate, start_aircraft
+from deckline.track.motion import (
+    DAMPING,
+    advance_aircraft,
+    oscillate,
+    start_aircraft,
+)
 
 VELOCITY_M_S, TURN_RAD_S, SIGMA_M = np.array([60.0, 1.0, 4.0]), 0.2, 0.05
 

@@ -42,14 +42,14 @@ def follow(flight, config, without=()):
 @pytest.mark.parametrize("modes", ["coarse", "both"])
 def test_errors_agree_with_the_tracks_covariance(modes):
     squares = []
-    for seed in range(6):
+    for seed in range(10):
         flight = Flight(modes=modes, seed=seed, rate_hz=4.0)
         for frame, truth, track in follow(flight, KNOWN):
             if frame.time_s > 1.0 and frame.time_s % 2.0 < 0.2:
                 error, covariance = errors_of(flight, frame, truth, track.lines["centre"])
                 squares.append(error @ np.linalg.solve(covariance, error))
-    # Errors of one flight hang together: six flights are worth about six independent frames and more.
-    low, high = chi2.ppf([0.0005, 0.9995], 3 * 6) / 6
+    # Errors of one flight hang together: ten flights are worth about ten independent frames and more.
+    low, high = chi2.ppf([0.0005, 0.9995], 3 * 10) / 10
     assert low < np.mean(squares) < high
     assert np.mean(np.array(squares) < chi2.ppf(0.95, 3)) > 0.9
 

@@ -4,8 +4,8 @@ I = J (1 - V) + A V. The airlight A is a smooth surface through the sky; a plain
 veil V comes from the dark channel, less what a scene's darkest details send themselves, smoothed along the image's
 edges. No pixel has more of it than leaves its darkest colour some light, and less of it comes off where no detail
 is seen: fog that gets darker towards the horizon stays fog. J is the most likely scene where noise and an uncertain
-airlight pass for little signal. A picture whose dark places are dark is hardly changed: only the level of its darkest
-details distinguishes an overcast scene from a hazy one.
+airlight pass for little signal. A picture whose dark places are dark, or that is colourful, is hardly changed: only the
+level of its darkest details and its colours distinguish an overcast scene from a hazy one.
 
 Sources: He, Sun and Tang 2011 (dark channel); Tarel and Hautiere, "Fast visibility restoration from a single color or
 gray level image", 2009 (atmospheric veil); He, Sun and Tang 2013 (guided filter). The airlight's surface, the strength
