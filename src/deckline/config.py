@@ -228,6 +228,7 @@ class Models:
         detector: of the lines.
         detect_in: the picture that the detector sees. `dehazed` is the published chain; the shipped detector was
             trained on haze and finds more in the hazy picture.
+        join_frames: pictures of a flight averaged for a second view where one alone is not sure; 1: no such view.
         camera_height_m: above the water, of pictures without a pose or a height; with it their visibility is in metres.
         visibility: measure the visibility of every frame for its record; the chain then dehazes each frame, at 640 px.
     """
@@ -235,6 +236,7 @@ class Models:
     dehazer: str = "coarse-t"
     detector: str = "hybrid"
     detect_in: Picture = "hazy"
+    join_frames: int = 8
     strength: float = 1.0
     camera_height_m: float | None = None
     visibility: bool = False
@@ -243,6 +245,7 @@ class Models:
         check_choice("models.detect_in", self.detect_in, Picture)
         check_numbers(self, "models", "camera_height_m", above=0.0)
         check_numbers(self, "models", "strength", least=0.0, most=1.0)
+        check_numbers(self, "models", "join_frames", least=1)
 
 
 @dataclass(frozen=True)

@@ -95,7 +95,7 @@ class Flight:
         self._by_picture = False  # what answered last
         self._survey = prior_from_survey(config.survey)
         self._image_prior = ImagePrior()
-        self._stack = FrameStack()
+        self._stack = FrameStack(config.models.join_frames)
         self._scheduler: SearchScheduler | None = None
         self._monitors: tuple[Monitor, ...] = ()
         if self.tracker is not None:

@@ -7,12 +7,12 @@ import pytest
 from scipy.spatial.transform import RigidTransform
 from test_detect_coarse_to_fine import NONE, Oracle, check_lines, draw
 
-from deckline.config import RunConfig
+from deckline.config import Models, RunConfig
 from deckline.dehaze.base import IdentityDehazer
 from deckline.detect.anchors import NetworkOutput
 from deckline.detect.coarse_to_fine import DetectConfig
 from deckline.detect.crop import CONTRAST_FLOOR, Crop, normalise, sample_crop
-from deckline.detect.joined import MAX_AGE_S, MAX_FRAMES, FrameStack, KeptPicture, plane_homography, view_joined
+from deckline.detect.joined import MAX_AGE_S, FrameStack, KeptPicture, plane_homography, view_joined
 from deckline.detect.registration import CELL_PX, measure_shift
 from deckline.detect.scheduler import SearchingDetector, SearchScheduler
 from deckline.detect.search import Search
@@ -25,6 +25,7 @@ CROP, SIZE = Crop(64.0, 36.0, 0.25), (512, 288)
 RANGE_M, HEIGHT_M, STEP_S = 600.0, 120.0, 0.1
 RUNWAY = RunwayPrior(np.array([[0.0, -12, 0], [200, -12, 0]]), np.array([[0.0, 12, 0], [200, 12, 0]]), 0.0, 0.0)
 STILL = np.zeros(2)
+FRAMES = 8
 
 
 def texture(x_m, y_m, seed):
@@ -61,7 +62,7 @@ def take(index, *, ahead_m=6.5, aside_m=0.3, seed=0, noise=2.0, gain=1.0, ship_m
 
 
 def stack_of(frames):
-    stack = FrameStack()
+    stack = FrameStack(FRAMES)
     for frame in frames:
         stack.add(frame, frame.image_rgb)
     return stack
@@ -180,16 +181,16 @@ def test_exposure_that_flickers_is_brought_to_the_newest_frames():
 
 
 def test_memory_and_age_are_bounded_and_repeated_pictures_count_once():
-    stack = FrameStack()
+    stack = FrameStack(FRAMES)
     for k in range(30):
         frame = take(0)
         stack.add(replace(frame, time_s=k / 100), frame.image_rgb + np.uint8(k))
-        assert len(stack) <= MAX_FRAMES
-    assert len(stack) == MAX_FRAMES
+        assert len(stack) <= FRAMES
+    assert len(stack) == FRAMES
     frame = take(0)
     stack.add(replace(frame, time_s=0.3), frame.image_rgb)
     stack.add(replace(frame, time_s=0.4), frame.image_rgb.copy())
-    assert len(stack) == MAX_FRAMES
+    assert len(stack) == FRAMES
     stack.add(replace(frame, time_s=0.3 + MAX_AGE_S), take(1).image_rgb)
     assert len(stack) == 2
     stack.add(replace(frame, time_s=5.0), take(2).image_rgb)  # after a gap
@@ -231,7 +232,7 @@ def test_several_frames_are_viewed_once_and_only_where_one_is_not_sure():
 
 
 def test_a_joined_view_costs_one_inference_and_states_its_frames():
-    oracle, stack = Oracle(), FrameStack()
+    oracle, stack = Oracle(), FrameStack(FRAMES)
     camera = Camera(1280, 720, 640.0, 640.0, 639.5, 359.5)
     rng = np.random.default_rng(0)
     sharp = draw((1280, 720), LEFT, RIGHT).astype(float)
@@ -280,8 +281,10 @@ def test_a_flight_joins_its_frames_until_it_is_reset():
 
     with Flight(RunConfig(), IdentityDehazer(), NoiseShyDetector()) as flight:
         frames = [detection.frames for detection in fly(flight, 10)]
-        assert frames[0] == 1 and frames[-1] == MAX_FRAMES
+        assert frames[0] == 1 and frames[-1] == RunConfig().models.join_frames
         flight.reset()
         first, *_, last = fly(flight, 6)
         assert (first.frames, len(first.left), last.frames) == (1, 0, 6)
         check_lines(last, *lines)
+    with Flight(RunConfig(models=Models(join_frames=1)), IdentityDehazer(), NoiseShyDetector()) as flight:
+        assert {detection.frames for detection in fly(flight, 10)} == {1}

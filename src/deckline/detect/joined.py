@@ -21,7 +21,6 @@ from deckline.detect.search import CropView, Search
 from deckline.geometry import Camera, rotation_matrix
 from deckline.types import Frame, RunwayPrior
 
-MAX_FRAMES = 8  # pictures kept; noise falls by their square root
 MAX_AGE_S = 1.0  # of a picture; a deck's motion of more than that is no translation in the picture
 MAX_STEP = 1.0  # image px per network px; a runway that needs a coarser crop is near
 MIN_HEIGHT_M = 1.0  # of a camera above the deck, below which the plane gives no homography
@@ -56,10 +55,14 @@ class JoinedCrop:
 
 
 class FrameStack:
-    """The last pictures of a flight, in their order; constant memory."""
+    """The last pictures of a flight, in their order; constant memory.
 
-    def __init__(self) -> None:
-        self._kept: deque[KeptPicture] = deque(maxlen=MAX_FRAMES)
+    Args:
+        most: pictures kept; noise falls by their square root.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._kept: deque[KeptPicture] = deque(maxlen=most)
 
     def __len__(self) -> int:
         return len(self._kept)

@@ -128,7 +128,7 @@ def _hazed(clear: list[Frame], visibility_m: float, noise: float, jitter_px: flo
 
 
 def _answer(detector: SearchingDetector, flight: list[Frame], with_beside: bool) -> Answer:
-    runway, newest, stack = _true_runway(flight[-1]), flight[-1], FrameStack()
+    runway, newest, stack = _true_runway(flight[-1]), flight[-1], FrameStack(len(flight))
     for frame in flight:
         stack.add(frame, frame.image_rgb)
     one, several, passes = _look(detector, newest, stack, runway)
@@ -197,7 +197,7 @@ def _draw(detector: SearchingDetector, flights: list[list[Frame]], path: Path) -
     """One frame, the joined ones and the clear view in the crop of the look, each stretched, a row a flight."""
     rows = []
     for flight in flights:
-        newest, stack, runway = flight[-1], FrameStack(), _true_runway(flight[-1])
+        newest, stack, runway = flight[-1], FrameStack(len(flight)), _true_runway(flight[-1])
         for frame in flight:
             stack.add(frame, frame.image_rgb)
         search, size = detector.start_search(newest.image_rgb), (512, 288)
