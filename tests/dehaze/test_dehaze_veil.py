@@ -74,6 +74,20 @@ def test_a_mast_before_bright_haze_does_not_turn_black() -> None:
     assert mast.mean() < 75
 
 
+def test_no_dark_glow_stands_around_a_ship() -> None:
+    """The water beside a ship comes out as dark as the water a tenth of the picture on, along the same rows."""
+    t = np.linspace(0.05, 0.7, HEIGHT - HORIZON)[:, None, None]
+    hazy = np.broadcast_to(AIRLIGHT, (HEIGHT, WIDTH, 3)).copy()
+    hazy[HORIZON:] += t * (np.array([0.2, 0.3, 0.35]) - AIRLIGHT)
+    ship, rows = np.s_[90:98, 150:170], np.s_[88:100]
+    hazy[ship] += t[90 - HORIZON] * -0.12
+    picture = np.rint(255 * hazy).astype(np.uint8)
+    clear = VeilDehazer()(picture).astype(float)
+    beside, farther = (clear[rows, columns].mean() for columns in (np.s_[172:180], np.s_[210:218]))
+    assert beside > farther - 4  # levels; 6.4 where only what is near the ship is cleared
+    assert farther - clear[ship].mean() > 1.3 * (picture[rows, 210:218].mean() - picture[ship].mean())
+
+
 def test_tone_lifts_dark_places_and_not_white() -> None:
     table = tone_table(0.7, 0.8).astype(float)
     plain = 255 * np.linspace(0, 1, LEVELS)

@@ -33,9 +33,10 @@ MAX_VEIL = 0.92
 MOST_STRENGTH = 0.95  # of the veil that is taken off; He et al. take 0.95
 OWN_LIGHT = 0.18  # of the airlight: what a scene's darkest details send themselves
 LEAST_LIGHT = 0.1, 0.25  # of the airlight, and of a pixel's own darkest colour over it: no mast gets darker
-DETAIL = 0.002  # of full scale: how much an image varies about its blurred self where half of the veil is sure
-DETAIL_SIGMA, DETAIL_SIDE = 3, 7  # px, of the blur; of the mean over that difference
-DETAIL_REACH = 1 / 50  # of the width, around a detail
+DETAIL = 0.001  # of full scale: how much an image varies about its blurred self where half of the veil is sure
+DETAIL_SIGMA, DETAIL_SIDE = 3, 3  # px, of the blur; of the mean over that difference
+DETAIL_GAP = 0.03  # of the width: details no farther apart are one object
+DETAIL_RADIUS, DETAIL_EPS = 0.015, 1e-4  # of the width; of the filter that fits the certainty to the object's edges
 LEAST_SURE = 0.2  # of the veil comes off where no detail is seen
 STRIP_PX = 1 << 16  # solved at once: its few float maps stay in a core's cache
 NIGHT = (0.1, 0.2)  # airlight, share of full scale: nothing is done, everything is done
@@ -47,7 +48,7 @@ COLOURS = (0.19, 0.28)  # mean saturation under a white airlight, outside the sk
 LEAST_COLOUR = 0.05  # of the airlight: darker pixels have the noise's colours
 SCENE_SIGMA = 0.12  # of full scale: how much a scene varies about the airlight
 MIN_NOISE, NOISE_WEIGHT = 0.008, 1.5  # of full scale, 1-sigma; times what neighbours differ by
-GREY_SIGMA, COLOUR_SIGMA = 0.006, 0.025  # of the airlight's own grey and colour, of full scale
+GREY_SIGMA, COLOUR_SIGMA = 0.006, 0.05  # of the airlight's own grey and colour, of full scale
 BRIGHT, BRIGHT_SHARE = 0.1, 0.3  # what is so much brighter than the airlight gets this share: full scale is near
 SMOOTH_PX = 8  # radius in which noise is averaged; compression makes blocks of 8 and 16 px
 SMOOTH_NOISE = 1.5  # sigmas of the contrast that is taken for noise
@@ -127,13 +128,19 @@ def estimate_air(image: Image, noise: float) -> Air:
 
 
 def detail_certainty(grey: Image) -> Image:
-    """Certainty, 0 to 1, that objects are in the haze about each pixel of an image (h, w) of full scale."""
+    """Certainty, 0 to 1, that each pixel of an image (h, w) of full scale belongs to an object in the haze.
+
+    It ends at the object's edge: with its surroundings cleared as well, a ship has a dark glow about it.
+    """
     import cv2
 
-    reach = max(3, round(grey.shape[1] * DETAIL_REACH))
+    width = grey.shape[1]
+    gap = max(3, round(width * DETAIL_GAP))
     fine = cv2.blur(np.abs(grey - cv2.GaussianBlur(grey, (0, 0), DETAIL_SIGMA)), (DETAIL_SIDE, DETAIL_SIDE))
-    spread = cv2.GaussianBlur(cv2.dilate(fine, np.ones((reach, reach), np.uint8)), (0, 0), reach / 2)
-    return np.asarray(spread / (spread + np.float32(DETAIL)), dtype=np.float32)
+    filled = cv2.morphologyEx(fine, cv2.MORPH_CLOSE, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (gap, gap)))
+    certainty = np.asarray(filled / (filled + np.float32(DETAIL)), dtype=np.float32)
+    slope, offset = guided_coefficients(grey, certainty, max(2, round(width * DETAIL_RADIUS)), DETAIL_EPS)
+    return np.asarray((slope * grey + offset).clip(0, 1), dtype=np.float32)
 
 
 def _haziness(dark: Image, ratio: Image, airlight: Image) -> float:
