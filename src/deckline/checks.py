@@ -1,4 +1,4 @@
-"""Checks of configurations: a `ValueError` that names the field and its value."""
+"""Checks of configurations and of what flows: a `ValueError` that names the field and its value."""
 
 from typing import Any, get_args
 
@@ -57,3 +57,16 @@ def check_image(image_rgb: NDArray[np.uint8]) -> None:
     """Raise ValueError unless this is an image (H, W, 3) of uint8 with at least one pixel."""
     if image_rgb.ndim != 3 or image_rgb.shape[2] != 3 or image_rgb.size == 0 or image_rgb.dtype != np.uint8:
         raise ValueError(f"expected an image (H, W, 3) of uint8, got {image_rgb.shape} of {image_rgb.dtype}")
+
+
+def check_shapes(owner: Any, **shapes: tuple[int, ...]) -> None:
+    """Refuse arrays of another shape, in fields of a dataclass.
+
+    Raises:
+        ValueError: an array of another shape; the message names class, field, and both shapes.
+    """
+    for name, shape in shapes.items():
+        if np.shape(getattr(owner, name)) != shape:
+            raise ValueError(
+                f"{type(owner).__name__}.{name} must have shape {shape}, got {np.shape(getattr(owner, name))}"
+            )

@@ -12,8 +12,8 @@ import numpy as np
 from deckline.dehaze.horizon import Horizon, NoHorizon
 from deckline.dehaze.horizon_search import HorizonSearch
 from deckline.dehaze.sea_view import EARTH_RADIUS_M
-from deckline.geometry import rotation_matrix
-from deckline.types import Camera, Detection, Diagnostic, Diagnostics, Frame, Reason, RunwayEstimate
+from deckline.geometry import Camera, rotation_matrix
+from deckline.types import Detection, Diagnostic, Diagnostics, Frame, Reason, RunwayEstimate
 
 OFF_DEG = 1.0  # tolerance of attitude and lens
 SIGMAS = 2.0  # of the horizon's own uncertainty, added: haze that thickens with range lowers it by up to 2.7 of them

@@ -1,0 +1,55 @@
+"""What flows through deckline. Shapes, units and frames are beside each field; nobody writes into an input."""
+
+from deckline.types.diagnostics import (
+    ASSUMED_CAMERA,
+    CAMERA_REMEDY,
+    MAX_FOCAL_SIGMA,
+    NO_CAMERA,
+    NO_POSE,
+    Diagnostic,
+    Diagnostics,
+    LineVisibility,
+    PoseSource,
+    Reason,
+    Scale,
+    Status,
+    message_of,
+)
+from deckline.types.guidance import Guidance, InWidths, Protection, Track, TrackState, Value
+from deckline.types.lines import DepthMode, LineErrors, PixelLine, RunwayEstimate, RunwayLine, RunwayPrior
+from deckline.types.pictures import SIDES, Detection, EdgeKind, Frame, LinePoints, Segment, Truth
+
+__all__ = [
+    "ASSUMED_CAMERA",
+    "CAMERA_REMEDY",
+    "MAX_FOCAL_SIGMA",
+    "NO_CAMERA",
+    "NO_POSE",
+    "SIDES",
+    "DepthMode",
+    "Detection",
+    "Diagnostic",
+    "Diagnostics",
+    "EdgeKind",
+    "Frame",
+    "Guidance",
+    "InWidths",
+    "LineErrors",
+    "LinePoints",
+    "LineVisibility",
+    "PixelLine",
+    "PoseSource",
+    "Protection",
+    "Reason",
+    "RunwayEstimate",
+    "RunwayLine",
+    "RunwayPrior",
+    "Scale",
+    "Segment",
+    "Status",
+    "Track",
+    "TrackState",
+    "Truth",
+    "Value",
+    "message_of",
+]
