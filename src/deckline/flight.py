@@ -60,7 +60,7 @@ class FrameResult:
     guidance: Guidance
     """Where the aircraft is relative to them."""
     seconds: Mapping[str, float]
-    """Wall time of `detect`, `localize`, `track` and `guide`, of `dehaze` where the chain dehazes, s."""
+    """Wall time of `detect`, `localize`, `track`, `guide`, `picture` (its pose), `dehaze`, as far as it has them, s."""
     track: Track | None = None
     """Lines in the world, from the frames so far; None: every frame is for itself."""
     dehazed: DehazeResult | None = None

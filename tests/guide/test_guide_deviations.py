@@ -55,7 +55,8 @@ def test_signs_right_of_the_line_nose_right_above_and_before_the_ramp():
     assert found.height_above_deck_m.value == pytest.approx(9.0)
     assert found.distance_to_ramp_m.value == pytest.approx(40.0)
     assert found.distance_to_ramp_m.sigma == 1.5
-    assert (found.time_s, found.status, found.mode, found.reason) == (2.5, Status.OK, DepthMode.FINE, "")
+    assert (found.time_s, found.status, found.mode) == (2.5, Status.UNVERIFIED, DepthMode.FINE)
+    assert [diagnostic.reason for diagnostic in found.diagnostics] == [Reason.YOUNG_TRACK]  # no levels, so never ok
 
 
 def test_sigmas_are_those_of_the_line_where_the_aircraft_is():
@@ -107,7 +108,7 @@ def test_a_vertical_nose_has_no_heading():
     found = guidance(frame([-100.0, 4.0, -29.0], attitude(0, np.pi / 2, 0)), estimate())
     assert found.heading_error_rad is None
     assert found.lateral_deviation_m.value == pytest.approx(4.0)
-    assert [diagnostic.reason for diagnostic in found.diagnostics] == [Reason.NO_HEADING]
+    assert [diagnostic.reason for diagnostic in found.diagnostics] == [Reason.YOUNG_TRACK, Reason.NO_HEADING]
 
 
 ON_SLOPE_M = np.tan(np.deg2rad(3.5)) * (40.0 + 70.0)

@@ -66,12 +66,9 @@ def guidance(frame: Frame, estimate: RunwayEstimate, track: Track | None, approa
     scale_sources = _scale_sources(estimate, track)
     by_picture = frame.pose_source is PoseSource.PICTURE
     doubts: Diagnostics = () if scale_sources or by_picture else (NO_SCALE,)
-    if track is None and by_picture:
-        doubts = (ONE_FRAME,)
-    elif not by_picture and (frame.camera.focal_sigma or 0.0) > MAX_FOCAL_SIGMA:
+    if not by_picture and (frame.camera.focal_sigma or 0.0) > MAX_FOCAL_SIGMA:
         doubts += (ASSUMED_CAMERA,)  # levels rest on the sensors' 1-sigma, not on the camera's
-    if track is not None:
-        doubts += track.doubts if track.lines else (ONE_FRAME,)
+    doubts += track.doubts if track is not None and track.lines else (ONE_FRAME,)
     base = Guidance(
         frame.time_s,
         guidance_status(estimate, track, flags, doubts),

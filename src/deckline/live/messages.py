@@ -76,8 +76,7 @@ def answer_record(
     result, age_s = answer.result, now_s - answer.at_s
     if age_s > stale_s:
         late = Diagnostic(Reason.STALE, f"the answer is {age_s:.2f} s old")
-        flags = (*result.guidance.flags, late)
-        result = replace(result, guidance=replace(result.guidance, status=Status.STALE, flags=flags))
+        result = replace(result, guidance=replace(result.guidance.with_flag(late), status=Status.STALE))
     return frame_record(result, approach) | {"live": _live(answer, counts, now_s, offset_s, approach)}
 
 

@@ -1,4 +1,4 @@
-"""Recordings: AirSim-layout folders (read and write), image folders and video files."""
+"""Recordings: AirSim-layout folders (read and write), image folders, video files and ROS bags."""
 
 from deckline.recording.layouts import open_recording
 from deckline.recording.selection import select_frames

@@ -190,8 +190,7 @@ def _flag_resumed(outcome: FrameResult | BadFrame) -> FrameResult | BadFrame:
     if isinstance(outcome, BadFrame) or outcome.track is None:
         return outcome
     track = replace(outcome.track, flags=(*outcome.track.flags, RESUMED))
-    guidance = replace(outcome.guidance, flags=(*outcome.guidance.flags, RESUMED))
-    return replace(outcome, track=track, guidance=guidance)
+    return replace(outcome, track=track, guidance=outcome.guidance.with_flag(RESUMED))
 
 
 def _format_counts(counts: dict[str, int]) -> str:

@@ -19,7 +19,7 @@ class Status(StrEnum):
     """What guidance is worth."""
 
     OK = "ok"
-    """Both lines in a fresh picture, no flag, and something besides the stated deck height confirms the scale."""
+    """Both lines of a track in a fresh picture, no flag or doubt, and more than the stated deck height for scale."""
     UNVERIFIED = "unverified"
     """Both lines, but nothing confirms the scale, the track has doubts, or a flag is up."""
     ONE_LINE = "one line"

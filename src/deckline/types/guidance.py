@@ -1,12 +1,12 @@
 """What follows from all frames so far: the track, and what an autopilot is told."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.types.diagnostics import Diagnostics, PoseSource, Scale, Status, message_of
+from deckline.types.diagnostics import Diagnostic, Diagnostics, PoseSource, Scale, Status, message_of
 from deckline.types.lines import DepthMode, RunwayLine
 
 
@@ -148,3 +148,7 @@ class Guidance:
     def reason(self) -> str:
         """Why something is missing, for people."""
         return message_of(self.diagnostics)
+
+    def with_flag(self, flag: Diagnostic) -> "Guidance":
+        """The same with one more contradiction, and its reason."""
+        return replace(self, flags=(*self.flags, flag), diagnostics=(*self.diagnostics, flag))

@@ -48,7 +48,7 @@ class Looks:
     status: NDArray[np.int64]
     """(N,) index in `STATUSES`."""
     errors: Array
-    """(N, 7) m, rad, m/s; NaN: not given."""
+    """(N, 7) shares of the protection level, and m/s; NaN: not given."""
     sigmas: Array
     """(N, 7)."""
     levels: Array
@@ -69,7 +69,9 @@ def gather(flights: Sequence[tuple[Surroundings, Sequence[Mapping[str, Any]]]]) 
             rows.append((number, look["time_s"], look["range_m"], depth, condition, status, error, sigma, level))
     columns = [np.array(column) for column in zip(*rows, strict=True)]
     flight, time_s, range_m, depth, conditions, statuses, errors, sigmas, levels = columns
-    return Looks(flight, time_s, range_m, depth, conditions, statuses, errors, sigmas, levels[:, : len(LEVELS)])
+    levels = levels[:, : len(LEVELS)]
+    errors[:, : len(LEVELS)] /= levels
+    return Looks(flight, time_s, range_m, depth, conditions, statuses, errors, sigmas, levels)
 
 
 def fit_guidance(looks: Looks, rate_hz: float) -> GuidanceModel:

@@ -1,9 +1,9 @@
 """`deckline reproduce`: the paper's Tables 4, 5 and 6 beside the paper's figures, saved ones or made anew.
 
 RUNS/data, RUNS/pairs       the paper's dataset, and its pairs averaged down by two
-RUNS/views                  what Table 6 is trained on
 RUNS/table4/<network>/      checkpoint and ONNX file of each training
-RUNS/table4.json            the figures, as an evaluation's --json writes them
+RUNS/table6/<network>/      the same of Table 6
+RUNS/table4.json            the figures, as an evaluation's --json writes them; table5.json, table6.json too
 RUNS/figures                the paper's figures
 """
 

@@ -20,11 +20,11 @@ M_PER_RAD_EAST = 6378137.0  # equatorial radius of WGS 84
 IN = 0.0254
 KNOT = 1852 / 3600
 DYNAMICS_HZ = 120.0
-WHEELS = 3  # the first contacts of every model in `APPROACHES`: nose, left, right
+WHEELS = 3  # the first contacts of every model in `AIRCRAFT_TYPES`: nose, left, right
 
 
 @dataclass(frozen=True)
-class Approach:
+class AircraftType:
     """How one of JSBSim's models is flown to a deck."""
 
     speed_kt: float
@@ -42,7 +42,7 @@ class Approach:
 
 # The A-4 lands at 130 kt. Its hook and the limit are our own: the model has no hook. 24 ft/s is what
 # MIL-A-8863 asks of carrier aircraft's gear.
-APPROACHES = {"A4": Approach(130.0, (-3.5, 0.0, 1.6), 24 * FT)}
+AIRCRAFT_TYPES = {"A4": AircraftType(130.0, (-3.5, 0.0, 1.6), 24 * FT)}
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class Aircraft:
     """One flight of one of JSBSim's models.
 
     Args:
-        model: a name of `APPROACHES`.
+        model: a name of `AIRCRAFT_TYPES`.
         position_m: of the centre of gravity (3,), world, m.
         heading_rad: of the nose, rad.
         gamma_rad: flight path through the air, rad; negative: descending.
@@ -111,11 +111,11 @@ class Aircraft:
         wind_m_s: NDArray[np.float64],
         sea_z_m: float = 0.0,
     ) -> None:
-        if model not in APPROACHES:
-            raise ValueError(f"unknown aircraft {model!r}: use one of {', '.join(APPROACHES)}")
+        if model not in AIRCRAFT_TYPES:
+            raise ValueError(f"unknown aircraft {model!r}: use one of {', '.join(AIRCRAFT_TYPES)}")
         with needs_extra("sim"):
             import jsbsim
-        self.approach = APPROACHES[model]
+        self.type = AIRCRAFT_TYPES[model]
         jsbsim.FGJSBBase().debug_lvl = 0  # no banner
         self._fdm = jsbsim.FGFDMExec(None)
         self._fdm.load_model(model)
@@ -128,7 +128,7 @@ class Aircraft:
             self._fdm["simulation/do_simple_trim"] = 1
         except jsbsim.TrimFailureError:
             raise ValueError(
-                f"aircraft {model} cannot be trimmed at {self.approach.speed_kt:g} kt and "
+                f"aircraft {model} cannot be trimmed at {self.type.speed_kt:g} kt and "
                 f"{math.degrees(gamma_rad):.1f} degrees"
             ) from None
         self.trim_throttle = self._fdm["fcs/throttle-cmd-norm[0]"]
@@ -141,7 +141,7 @@ class Aircraft:
         fdm["ic/long-gc-rad"] = position_m[1] / M_PER_RAD_EAST
         fdm["ic/h-sl-ft"] = -position_m[2] / FT
         fdm["ic/psi-true-rad"] = heading_rad
-        fdm["ic/vc-kts"] = self.approach.speed_kt
+        fdm["ic/vc-kts"] = self.type.speed_kt
         fdm["ic/gamma-rad"] = gamma_rad
         for part in ("gear/gear-cmd-norm", "gear/gear-pos-norm", "fcs/flap-cmd-norm", "fcs/flap-pos-norm"):
             fdm[part] = 1.0

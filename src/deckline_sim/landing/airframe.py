@@ -11,7 +11,7 @@ from scipy.spatial.transform import RigidTransform
 from deckline.geometry import Camera
 from deckline.haze import beta_from_visibility, blend_airlight, transmission
 from deckline.report.draw import Image
-from deckline_sim.landing.aircraft import APPROACHES
+from deckline_sim.landing.aircraft import AIRCRAFT_TYPES
 from deckline_sim.ship.clutter import build_wing, prototype
 from deckline_sim.ship.mesh import Mesh, join, rods
 
@@ -33,14 +33,14 @@ def airframe_mesh(aircraft: str) -> Mesh:
     """Triangles of an aircraft from its centre of gravity, body frame, m; all are drawn as an A-4.
 
     Args:
-        aircraft: a name of `APPROACHES`; its hook is drawn.
+        aircraft: a name of `AIRCRAFT_TYPES`; its hook is drawn.
     """
     parts = join([prototype("delta"), build_wing(TAILPLANE, TAILPLANE_Z)])
     scale = np.array([1.0, SPAN_M / (SPAN_OF_LENGTH * LENGTH_M), 1.0])
     parts[:, :3] = parts[:, :3] * (LENGTH_M * scale) + ORIGIN_M
     parts[:, 3:6] /= scale
     parts[:, 3:6] /= np.linalg.norm(parts[:, 3:6], axis=1, keepdims=True)
-    return join([parts, rods(HOOK_ROOT_M, APPROACHES[aircraft].hook_m, HOOK_THICK_M, HOOK_RGB)])
+    return join([parts, rods(HOOK_ROOT_M, AIRCRAFT_TYPES[aircraft].hook_m, HOOK_THICK_M, HOOK_RGB)])
 
 
 def draw_aircraft(

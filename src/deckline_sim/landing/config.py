@@ -6,7 +6,7 @@ from typing import Literal
 from deckline.checks import check_choice, check_numbers
 from deckline.config import Models, Tracking
 from deckline_sim.config import LARGEST_PX, Preset, TimeOfDay
-from deckline_sim.landing.aircraft import APPROACHES
+from deckline_sim.landing.aircraft import AIRCRAFT_TYPES
 from deckline_sim.ship.ship_class import SHIP_CLASSES
 
 NavigationGrade = Literal["exact", "good", "tactical"]
@@ -88,8 +88,8 @@ class LandingConfig:
         ships = tuple(name for name in SHIP_CLASSES if name != "runway")
         if self.ship not in ships:
             raise ValueError(f"ship must be one of {ships}, got {self.ship!r}")
-        if self.aircraft not in APPROACHES:
-            raise ValueError(f"aircraft must be one of {', '.join(APPROACHES)}, got {self.aircraft!r}")
+        if self.aircraft not in AIRCRAFT_TYPES:
+            raise ValueError(f"aircraft must be one of {', '.join(AIRCRAFT_TYPES)}, got {self.aircraft!r}")
         if not self.visibility_m > 0:
             raise ValueError(f"visibility_m must be positive, got {self.visibility_m}")
         if self.guidance == "picture" and self.sight == "guidance":

@@ -1,7 +1,8 @@
 """How guidance errs and which status it has: tables fitted to flights that were seen by points.
 
 Errors of a look are quantiles of the errors in its condition (navigation grade, sea, status, range) at normal scores
-that are correlated in time and among each other. The status is a Markov chain whose transitions depend on the range in
+that are correlated in time and among each other. Errors that have a protection level are shares of it: where guidance
+is uncertain, both are large. The status is a Markov chain whose transitions depend on the range in
 visibilities.
 """
 
@@ -42,7 +43,7 @@ class GuidanceModel:
     mixing: Array
     """(7, 7) lower triangle: correlated scores from independent ones."""
     errors: Array
-    """(grades, seas, groups, ranges, 7, scores) quantiles of the errors, m, rad, m/s."""
+    """(grades, seas, groups, ranges, 7, scores) quantiles of the errors, shares of the level, and m/s."""
     sigmas: Array
     """(grades, seas, groups, ranges, 7) median of the stated 1-sigma, m, rad, m/s."""
     levels: Array

@@ -91,4 +91,6 @@ class GuidanceSight:
         rows, knots = np.arange(len(QUANTITIES)), np.array(SCORES)
         start, end = mixed[0][rows, low], mixed[0][rows, low + 1]
         errors = start + (end - start) * (scores - knots[low]) / (knots[low + 1] - knots[low])
-        return errors.tolist(), mixed[1].tolist(), (self.level_factor * mixed[2]).tolist()
+        levels = self.level_factor * mixed[2]
+        errors[: len(levels)] *= levels
+        return errors.tolist(), mixed[1].tolist(), levels.tolist()

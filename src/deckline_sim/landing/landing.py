@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from deckline.types import Guidance, Status
 from deckline_sim.flight.approach import closing_speed
 from deckline_sim.landing.air import Gusts, wake
-from deckline_sim.landing.aircraft import APPROACHES, DYNAMICS_HZ, Aircraft, AircraftState, Controls
+from deckline_sim.landing.aircraft import AIRCRAFT_TYPES, DYNAMICS_HZ, Aircraft, AircraftState, Controls
 from deckline_sim.landing.autopilot import DECISION_M, Autopilot, WaveOff, in_window
 from deckline_sim.landing.config import LandingConfig
 from deckline_sim.landing.deck import rotation_matrix
@@ -156,7 +156,7 @@ def start_aircraft(scene: Surroundings) -> Aircraft:
     config, deck, slope = scene.config, scene.deck, scene.run.approach.slope
     lateral, vertical = np.random.default_rng([scene.seed, START]).normal(0.0, START_SIGMA_M)
     along, ship, wind_m_s = deck.landing_direction, deck.velocity_m_s, scene.wind_m_s
-    speed = APPROACHES[config.aircraft].airspeed_m_s
+    speed = AIRCRAFT_TYPES[config.aircraft].airspeed_m_s
     closing = closing_speed(along, ship[:2], wind_m_s[:2], speed)
     through_air = ship[:2] + closing * along - wind_m_s[:2]
     to_go = config.start_m + deck.touchdown_m
@@ -310,7 +310,7 @@ class _Pass:
             return Outcome.RAMP_STRIKE, None
         contact = touch(before, now, 1 / DYNAMICS_HZ, time_s, deck)
         if contact is not None:
-            return outcome_of(contact, self.aircraft.approach.sink_limit_m_s), contact
+            return outcome_of(contact, self.aircraft.type.sink_limit_m_s), contact
         is_past = bool(now[0, 0] > deck.layout.length_m)
         if self.autopilot.wave_off is None:
             return (Outcome.WATER, None) if is_past else None

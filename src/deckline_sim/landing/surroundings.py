@@ -15,7 +15,7 @@ from deckline_sim.camera.measure import measure_pose, miscalibrate
 from deckline_sim.config import MotionConfig, NavigationConfig
 from deckline_sim.flight.viewpoints import ShipMotion, draw_motion, steady_pose, steady_velocity
 from deckline_sim.landing.air import steady_wind
-from deckline_sim.landing.aircraft import APPROACHES
+from deckline_sim.landing.aircraft import AIRCRAFT_TYPES
 from deckline_sim.landing.config import LandingConfig
 from deckline_sim.landing.deck import Deck
 from deckline_sim.landing.sight import Moment
@@ -103,7 +103,7 @@ def run_config(config: LandingConfig, layout: Layout, motion: ShipMotion, touchd
         angle_deg=float(np.rad2deg(angle)),
         ship_velocity_m_s=(float(north), float(east)) if has_datalink else None,
     )
-    approach = Approach(touchdown_m=touchdown_m, point_m=APPROACHES[config.aircraft].hook_m)
+    approach = Approach(touchdown_m=touchdown_m, point_m=AIRCRAFT_TYPES[config.aircraft].hook_m)
     return RunConfig(
         GRADES[config.navigation],
         deck,

@@ -6,7 +6,7 @@ import pytest
 from exact_sight import ExactSight
 
 from deckline.config import Models, Tracking
-from deckline_sim.landing.aircraft import DYNAMICS_HZ, Aircraft, Controls
+from deckline_sim.landing.aircraft import AIRCRAFT_TYPES, DYNAMICS_HZ, Aircraft, Controls
 from deckline_sim.landing.autopilot import WaveOff, in_window
 from deckline_sim.landing.config import LandingCamera, LandingConfig
 from deckline_sim.landing.landing import Sights, fly
@@ -40,9 +40,10 @@ def test_what_cannot_be_flown_is_refused(model, gamma_deg, named):
         Aircraft(model, np.array([0.0, 0.0, -100.0]), 0.0, math.radians(gamma_deg), np.zeros(3))
 
 
+@pytest.mark.parametrize("aircraft", sorted(AIRCRAFT_TYPES))
 @pytest.mark.parametrize("ship", ["cvn", "paper", "axial"])
-def test_in_calm_air_it_lands_on_the_point(ship):
-    landing = land(replace(CALM, ship=ship))
+def test_in_calm_air_it_lands_on_the_point(ship, aircraft):
+    landing = land(replace(CALM, ship=ship, aircraft=aircraft))
     assert landing.outcome is Outcome.WIRE
     assert abs(landing.touchdown.beyond_aim_m) < 2.0
     assert abs(landing.touchdown.right_m) < 0.2

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.geometry import Camera, camera_mount
-from deckline_sim.landing.aircraft import APPROACHES
+from deckline_sim.landing.aircraft import AIRCRAFT_TYPES
 from deckline_sim.landing.airframe import LENGTH_M, LIGHT, SHADE, SPAN_M, airframe_mesh, draw_aircraft
 from deckline_sim.ship.mesh import quads
 
@@ -60,7 +60,7 @@ def test_the_airframe_has_the_size_of_an_a4_and_its_hook():
     points = airframe_mesh("A4")[:, :3]
     assert np.ptp(points[:, 0]) == pytest.approx(LENGTH_M, rel=0.03)
     assert np.ptp(points[:, 1]) == pytest.approx(SPAN_M, rel=0.01)
-    assert np.linalg.norm(points - APPROACHES["A4"].hook_m, axis=1).min() < 0.15
+    assert np.linalg.norm(points - AIRCRAFT_TYPES["A4"].hook_m, axis=1).min() < 0.15
     normals = airframe_mesh("A4")[:, 3:6]
     assert np.linalg.norm(normals, axis=1) == pytest.approx(np.ones(len(normals)), abs=1e-5)
 

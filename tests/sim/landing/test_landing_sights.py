@@ -169,8 +169,23 @@ def test_guidance_errors_have_the_spread_of_their_table() -> None:
     model = replace(model, errors=errors, mixing=np.eye(7), correlation_s=np.full(7, 0.01))
     sight = GuidanceSight(EXACT, 5, model)
     moments = [replace(moment_at(sight.surroundings, 0.0), time_s=0.1 * k) for k in range(400)]
-    heading = np.array([numbers(sight.see(moment))[2] for moment in moments])
-    assert np.std(heading) == pytest.approx(0.5, rel=0.1)
+    found = [sight.see(moment) for moment in moments]
+    shares = [numbers(answer)[2] / answer.protection.heading_rad for answer in found]
+    assert np.std(shares) == pytest.approx(0.5, rel=0.1)
+
+
+def test_no_ok_answer_is_beyond_its_levels() -> None:
+    """Errors are shares of the levels: where one is large, so is the other."""
+    config, worst = replace(EXACT, navigation="good", sea_state=4.0), 0.0
+    for seed in range(40):
+        sight = GuidanceSight(config, seed)
+        for k in range(60):
+            moment = moment_at(sight.surroundings, 0.1 * k)
+            found, true = sight.see(moment), truth_at(sight.surroundings, moment)
+            if found.status is Status.OK:
+                off = np.abs(np.array(numbers(found)) - numbers(true))[:2]
+                worst = max(worst, *(off / (found.protection.lateral_m, found.protection.vertical_m)))
+    assert 0.05 < worst < 0.7
 
 
 def test_guidance_tables_have_their_shape() -> None:
