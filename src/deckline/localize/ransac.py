@@ -97,7 +97,7 @@ def _find_best_draw(data: WeightedPoints, rng: np.random.Generator) -> Array | N
     """Rounds of draws until the error (squared distance, cut off at the threshold) stops falling."""
     best, best_error = None, np.inf
     for _ in range(MAX_ROUNDS):
-        picks = rng.random((DRAWS, len(data.xy))).argsort(axis=1)[:, :SAMPLE_SIZE]
+        picks = rng.random((DRAWS, len(data.xy))).argpartition(SAMPLE_SIZE - 1, axis=1)[:, :SAMPLE_SIZE]
         lines = _sample_lines(data.xy[picks])
         if len(lines):
             distances = lines[:, :2] @ data.xy.T + lines[:, 2:]
@@ -115,9 +115,9 @@ def _sample_lines(samples: Array) -> Array:
     """Lines (S, 3) through the points of every sample (D, 2, 2); samples of coinciding points are left out."""
     differences = samples[:, 1] - samples[:, 0]
     apart = np.abs(differences).max(axis=1) >= MIN_SAMPLE_SPREAD_PX
-    along = differences[apart] / np.hypot(*differences[apart].T)[:, None]
-    normals = along[:, ::-1] * [-1.0, 1.0]
-    return np.column_stack([normals, -(normals * samples[apart, 0]).sum(axis=1)])
+    (du, dv), (u, v) = differences[apart].T, samples[apart, 0].T
+    length = np.hypot(du, dv)
+    return np.array([-dv / length, du / length, (dv * u - du * v) / length]).T
 
 
 def _refit(line: Array, data: WeightedPoints) -> tuple[Array, NDArray[np.bool_]]:
