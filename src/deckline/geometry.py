@@ -134,8 +134,7 @@ class Camera:
         A pixel that no ray reaches, as strong distortion coefficients have in the image's corners, becomes NaN.
         """
         points = _points(points_px, 2)
-        distorted = (points - [self.cx, self.cy]) / [self.fx, self.fy]
-        xy = distorted
+        xy = distorted = (points - np.array([self.cx, self.cy])) / np.array([self.fx, self.fy])
         if self.fisheye:
             radius = np.maximum(np.linalg.norm(distorted, axis=1), TINY)
             xy = distorted * (np.tan(_unbend(radius, self.distortion)) / radius)[:, None]
@@ -148,7 +147,9 @@ class Camera:
                         break
                 reached = np.abs(self._distort(xy) - distorted).max(axis=1, keepdims=True) < UNDISTORT_TOLERANCE
             xy = np.where(reached, xy, np.nan)
-        return np.concatenate([xy, np.ones((len(xy), 1))], axis=1)
+        rays = np.ones((len(xy), 3))
+        rays[:, :2] = xy
+        return rays
 
     def resized(self, width: int, height: int) -> "Camera":
         """The same lens seen through an image of another size (with consistent pixel centres)."""

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.config import FrameNoise, Mode
-from deckline.geometry import intersect_plane, rotation_matrix
+from deckline.geometry import Camera, cross, intersect_plane, rotation_matrix
 from deckline.types import NO_POSE, DepthMode, Diagnostic, Frame, Reason
 
 Array = NDArray[np.float64]
@@ -132,6 +132,14 @@ def _no_depth(why: str) -> tuple[DepthMode, Diagnostic]:
     return DepthMode.NONE, Diagnostic(Reason.NO_DEPTH, f"fine mode was asked for: {why}")
 
 
+def trace_points(camera: Camera, points_px: Array, sigma_px: Array) -> tuple[Array, Array]:
+    """Rays (N, 3) of pixels (N, 2) in the optical frame, z = 1, and their change (N, 2) by 1-sigma (N,) of u."""
+    step = np.zeros_like(points_px)
+    step[:, 0] = np.maximum(sigma_px, MIN_SIGMA_PX)
+    rays, after, before = camera.rays(np.concatenate([points_px, points_px + step, points_px - step])).reshape(3, -1, 3)
+    return rays, (after - before)[:, :2] / 2
+
+
 def locate_points(
     frame: Frame,
     points_px: Array,
@@ -161,7 +169,7 @@ def locate_points(
     if world_from_camera is None or frame.world_from_body is None:
         raise ValueError(f"{frame.file}: {NO_POSE.message}")
     origin, camera_from_world = world_from_camera.translation, rotation_matrix(world_from_camera).T
-    optical = frame.camera.rays(points_px)
+    optical, steps = trace_points(frame.camera, points_px, sigma_px)
     rays = optical @ camera_from_world
     if mode is DepthMode.FINE and depth is not None:
         points = origin + sample_depth(depth, points_px)[:, None] * rays
@@ -170,15 +178,12 @@ def locate_points(
     else:
         raise ValueError(f"{frame.file}: mode {mode} needs what the frame does not have")
     usable = np.isfinite(points).all(axis=1) & (rays[:, 2] > MIN_DOWN)
-    points, rays, px = points[usable], rays[usable], points_px[usable]
-    distance = ((points - origin) * rays).sum(axis=1) / (rays**2).sum(axis=1)
-    step = np.column_stack([np.maximum(sigma_px[usable], MIN_SIGMA_PX), np.zeros(len(px))])
-    after, before = frame.camera.rays(np.concatenate([px + step, px - step])).reshape(2, -1, 3)
-    ray_step = (after - before) @ camera_from_world / 2
-    pixel = _project_on_plane(distance[:, None] * ray_step, rays)
+    points, rays, flat, steps = points[usable], rays[usable], optical[usable, :2], steps[usable]
+    distance = np.einsum("nk,nk->n", points - origin, rays) / np.einsum("nk,nk->n", rays, rays)
+    pixel = _project_on_plane(distance[:, None] * (steps @ camera_from_world[:2]), rays)
     depth_step = distance[:, None] * rays * (noise.depth_fraction if mode is DepthMode.FINE else 0.0)
-    flat = optical[usable] * [-noise.focal_fraction, -noise.focal_fraction, 0.0]
-    calibration = distance[:, None] * np.stack([flat @ camera_from_world, rays * noise.depth_scale])
+    by_focal = flat @ camera_from_world[:2] * -noise.focal_fraction
+    calibration = distance[:, None] * np.array([by_focal, rays * noise.depth_scale])
     common = _common_displacements(points, rays, calibration, frame.world_from_body.translation, mode, noise)
     return DeckPoints(index[usable], points, pixel, depth_step, *common)
 
@@ -199,7 +204,7 @@ def _common_displacements(
         noise: 1-sigma of everything.
     """
     axes = np.eye(3)
-    turns = np.cross(axes[:, None, :], points - body) * noise.attitude_rad
+    turns = cross(axes[:, None, :], points - body) * noise.attitude_rad
     shifts = np.broadcast_to(axes[:, None, :] * noise.position_m, (3, *points.shape))
     zero = np.zeros((1, *points.shape))
     pose, deck = np.concatenate([turns, shifts]), zero

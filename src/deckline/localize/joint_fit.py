@@ -1,5 +1,6 @@
 """The joint fit of one frame: initial state, solution, consistency tests, sensitivities of each line."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -96,25 +97,37 @@ def _select_consistent(fits: dict[str, LineFit], deck: Deck) -> tuple[tuple[str,
 
 def line_fits(solution: Solution, observations: Observations, noise: FrameNoise) -> dict[str, LineFit]:
     """Each line of a solution with its sensitivities, in the world and as the aircraft sees it."""
-    state, plane, fits = solution.state, solution.plane, {}
+    state, plane = solution.state, solution.plane
     slopes = state.nuisances[4:] * plane.slopes
-    for k, name in enumerate(solution.names):
-        offset = plane.axes @ (state.points_m[k] - plane.origin_m)
-        rows = np.zeros((3, len(solution.points)))
-        rows[0, 2 * k] = rows[1, 2 * k + 1] = rows[2, -NUISANCES - 1] = 1.0
-        rows[2, -2:] = offset * plane.slopes
-        point = np.array([*state.points_m[k], state.z_m + float(offset @ slopes)])
-        relative, rigid = _source_columns(
-            rows @ solution.height,
-            rows @ solution.nuisances,
-            point - observations.body_m,
-            right_vectors(state.azimuths_rad)[k],
-            noise,
+    offsets = (state.points_m - plane.origin_m) @ plane.axes.T  # (L, 2) along and across
+    points = np.column_stack([state.points_m, state.z_m + offsets @ slopes])
+    rows = _line_rows(offsets, plane.slopes, len(solution.points))
+    own, height, nuisances = rows @ solution.points, rows @ solution.height, rows @ solution.nuisances
+    effects = _error_effects(height, nuisances, plane.slopes, noise)
+    right, from_body = right_vectors(state.azimuths_rad), points - observations.body_m
+    relative, rigid = _source_columns(height[:, :3], nuisances[:, :3], from_body, right, noise)
+    common, azimuths = relative + rigid, wrap_angle(state.azimuths_rad).tolist()
+    return {
+        name: LineFit(
+            points[k], azimuths[k], own[k, :3], common[k], relative[k], LineErrors(slopes, own[k], effects[k])
         )
-        azimuth = float(wrap_angle(state.azimuths_rad[k]))
-        own = rows @ solution.points
-        fits[name] = LineFit(point, azimuth, own, relative + rigid, relative, _line_errors(solution, rows, noise))
-    return fits
+        for k, name in enumerate(solution.names)
+    }
+
+
+def _line_rows(offsets_m: Array, slopes_rad: Array, unknowns: int) -> Array:
+    """Rows (L, 5, P) that give each line's offset, azimuth and z and the deck's slopes, of a solution's unknowns.
+
+    Args:
+        offsets_m: (L, 2) of the lines from the origin of the deck's plane, along and across.
+        slopes_rad: (2,) 1-sigma of the deck's slopes.
+    """
+    rows = np.zeros((len(offsets_m), 5, unknowns))
+    lines = np.arange(len(offsets_m))
+    rows[lines, 0, 2 * lines] = rows[lines, 1, 2 * lines + 1] = rows[:, 2, -NUISANCES - 1] = 1.0
+    rows[:, 2, -2:] = offsets_m * slopes_rad
+    rows[:, 3, -2], rows[:, 4, -1] = slopes_rad
+    return rows
 
 
 def _apply_floor(noise: FrameNoise) -> FrameNoise:
@@ -128,45 +141,43 @@ def _apply_floor(noise: FrameNoise) -> FrameNoise:
     )
 
 
-def _line_errors(solution: Solution, rows: Array, noise: FrameNoise) -> LineErrors:
-    """Sensitivity of a line and of the slopes to errors, and the part of their noise that is new in every frame.
+def _error_effects(height: Array, nuisances: Array, slopes_rad: Array, noise: FrameNoise) -> Array:
+    """What a unit of each common error adds to the lines and the slopes, (L, 5, 7), as in `LineErrors`.
 
     Each column is the change of the fit by an error of one prior. The nuisances of attitude and focal length correct
     the measurement, so their errors have the opposite sign; depth scale and slopes are the true values themselves.
 
     Args:
-        rows: (3, P) the line's offset, azimuth and z, of the solution's unknowns.
+        height, nuisances: (L, 5) and (L, 5, 6) sensitivities of the lines.
+        slopes_rad: (2,) 1-sigma of the deck's slopes.
     """
-    slopes = solution.plane.slopes
-    sigma_m = max(float(np.hypot(noise.deck_z_m, noise.position_m)), MIN_SIGMA_M)
-    rows = np.vstack([rows, np.zeros((2, rows.shape[1]))])
-    rows[3:, -2:] = np.diag(slopes)
+    sigma_m = max(math.hypot(noise.deck_z_m, noise.position_m), MIN_SIGMA_M)
     turn, stretch, scale = noise.attitude_rad, noise.focal_fraction, noise.depth_scale
-    nuisances = rows @ solution.nuisances / [turn, turn, stretch, -scale, -slopes[0], -slopes[1]]
-    effects = np.column_stack([nuisances[:, :2], rows @ solution.height / sigma_m, nuisances[:, 2:]])
-    return LineErrors(solution.state.nuisances[4:] * slopes, rows @ solution.points, effects)
+    effects = np.concatenate([nuisances[..., :2], height[..., None], nuisances[..., 2:]], axis=-1)
+    return effects / np.array([turn, turn, sigma_m, stretch, -scale, *-slopes_rad])
 
 
 def _source_columns(
     height: Array, nuisances: Array, offset_m: Array, right: Array, noise: FrameNoise
 ) -> tuple[Array, Array]:
-    """Columns (3, 11) of SOURCES: as seen from the aircraft, and what its own heading and position errors add.
+    """Columns (L, 3, 11) of SOURCES: as seen from the aircraft, and what its own heading and position errors add.
 
     An error of the aircraft's own height is seen from it through the reported deck height alone.
 
     Args:
-        height, nuisances: (3,) and (3, 6) sensitivities of the line.
-        offset_m: (3,) from the aircraft to the line's point.
-        right: (2,) unit vector to the right of the line.
+        height, nuisances: (L, 3) and (L, 3, 6) sensitivities of the lines.
+        offset_m: (L, 3) from the aircraft to each line's point.
+        right: (L, 2) unit vectors to the right of the lines.
     """
-    relative, rigid = np.zeros((2, 3, SOURCES))
-    sigma_m = max(float(np.hypot(noise.deck_z_m, noise.position_m)), 1e-12)
-    relative[:, :2], relative[:, 7:] = nuisances[:, :2], nuisances[:, 2:]
-    relative[:, 5] = -height * noise.position_m / sigma_m
-    relative[:, 6] = height * noise.deck_z_m / sigma_m
-    rigid[:2, 2] = np.array([right @ [-offset_m[1], offset_m[0]], 1.0]) * noise.attitude_rad
-    rigid[0, 3:5] = right * noise.position_m
-    rigid[2, 5] = noise.position_m
+    relative, rigid = np.zeros((2, len(height), 3, SOURCES))
+    sigma_m = max(math.hypot(noise.deck_z_m, noise.position_m), 1e-12)
+    relative[..., :2], relative[..., 7:] = nuisances[..., :2], nuisances[..., 2:]
+    relative[..., 5] = -height * (noise.position_m / sigma_m)
+    relative[..., 6] = height * (noise.deck_z_m / sigma_m)
+    rigid[:, 0, 2] = (right[:, 1] * offset_m[:, 0] - right[:, 0] * offset_m[:, 1]) * noise.attitude_rad
+    rigid[:, 1, 2] = noise.attitude_rad
+    rigid[:, 0, 3:5] = right * noise.position_m
+    rigid[:, 2, 5] = noise.position_m
     return relative, rigid
 
 

@@ -191,28 +191,29 @@ def find_near_ends(
     pose = frame.world_from_camera
     if pose is None:
         return NO_POSE
+    origin, rotation, forward = pose.translation, rotation_matrix(pose), centre.direction
     ends, variances, shared, ratios = [], [], [], []
     for side in SIDES:
         line = deck_points[side]
-        along_m = (line.points_m[:, :2] - centre.point_m[:2]) @ centre.direction
-        nearest, farthest = int(np.argmin(along_m)), int(np.argmax(along_m))
+        along_m = (line.points_m[:, :2] - centre.point_m[:2]) @ forward
+        nearest, farthest = int(along_m.argmin()), int(along_m.argmax())
         pixels = points[side].points_px[line.index]
         nearer = pixels[nearest] - pixels[farthest]
         step = _point_step(pixels, nearer)
         margin = max(MARGIN_STEPS * step, MARGIN_SHARE * nearer, key=np.linalg.norm)
         if not _is_inside(pixels[nearest] + margin, frame, region_px):
             return Diagnostic(Reason.NO_RAMP, f"no ramp: the near end of the {side} line is not in view")
-        rays = frame.camera.rays(np.stack([pixels[nearest], pixels[nearest] + step])) @ rotation_matrix(pose).T
-        ground = intersect_plane(pose.translation, rays, float(line.points_m[nearest, 2]))
-        gap = float(abs((ground[0, :2] - ground[1, :2]) @ centre.direction))
+        rays = frame.camera.rays([pixels[nearest], pixels[nearest] + step]) @ rotation.T
+        ground = intersect_plane(origin, rays, float(line.points_m[nearest, 2]))
+        gap = float(abs((ground[0, :2] - ground[1, :2]) @ forward))
         if not np.isfinite(gap):
             return Diagnostic(Reason.NO_RAMP, f"no ramp: the near end of the {side} line cannot be placed on the deck")
         ends.append(float(along_m[nearest]) - gap / 2)
-        variances.append(gap**2 + float((line.depth_m[nearest, :2] @ centre.direction) ** 2))
-        shared.append(line.common_m[:, nearest, :2] @ centre.direction)
-        offset = line.points_m[nearest] - pose.translation
-        ratios.append(float(offset[:2] @ centre.direction / offset[2]))
-    return NearEnds(np.array(ends), np.array(variances), (shared[0] + shared[1]) / 2, float(np.mean(ratios)))
+        variances.append(gap**2 + float((line.depth_m[nearest, :2] @ forward) ** 2))
+        shared.append(line.common_m[:, nearest, :2] @ forward)
+        offset = line.points_m[nearest] - origin
+        ratios.append(float(offset[:2] @ forward / offset[2]))
+    return NearEnds(np.array(ends), np.array(variances), (shared[0] + shared[1]) / 2, sum(ratios) / len(ratios))
 
 
 def check_near_ends(ends: NearEnds, left: LineFit, right: LineFit) -> Diagnostic | None:

@@ -81,23 +81,25 @@ def empty_terms(state: FitState) -> Terms:
     return Terms(np.zeros(0), np.zeros((0, state.size)))
 
 
+def concatenate(*terms: Terms) -> Terms:
+    return Terms(np.concatenate([t.residuals for t in terms]), np.concatenate([t.jacobian for t in terms]))
+
+
 def right_vectors(azimuths_rad: Array) -> Array:
     """Unit vectors (L, 2) to the right of lines."""
     return np.array([-np.sin(azimuths_rad), np.cos(azimuths_rad)]).T
 
 
-def linearize_measurements(
-    observations: Observations, state: FitState, plane: DeckPlane, noise: FrameNoise
-) -> tuple[Terms, Terms]:
-    """Terms of all points' pixels (N,), normal to the line in the image, and of the existing depths (D,)."""
+def linearize_measurements(observations: Observations, state: FitState, plane: DeckPlane, noise: FrameNoise) -> Terms:
+    """Terms of all points' pixels (N,), normal to the line in the image, then of the existing depths (D,)."""
     attitude_error = tilt_matrix(*state.nuisances[:2] * noise.attitude_rad)
     lever_arm = attitude_error @ (observations.camera_m - observations.body_m)
     rotation = attitude_error @ observations.rotation
     focal_scale = 1.0 + state.nuisances[2] * noise.focal_fraction
-    rays = observations.rays / [focal_scale, focal_scale, 1.0]
-    world_rays = rays @ rotation.T
-    context = Linearization(observations, state, plane, noise, lever_arm, rotation, rays, world_rays, focal_scale)
-    return _linearize_pixels(context), _linearize_depths(context)
+    rays = observations.rays / np.array([focal_scale, focal_scale, 1.0])
+    context = Linearization(observations, state, plane, noise, lever_arm, rotation, rays, focal_scale)
+    pixels = _linearize_pixels(context)
+    return concatenate(pixels, _linearize_depths(context)) if observations.has_depth.any() else pixels
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +113,6 @@ class Linearization:
     lever_arm: Array  # (3,) camera from body, world
     rotation: Array  # (3, 3) world_from_camera of the state
     rays: Array  # (N, 3) optical
-    world_rays: Array  # (N, 3)
     focal_scale: float  # true focal length over the stated one
 
     @property
@@ -125,43 +126,57 @@ class Linearization:
 
 def _linearize_pixels(context: Linearization) -> Terms:
     """n . ray = 0 for a ray to a line, n the normal of the plane through camera and line."""
-    state, line = context.state, context.observations.line
-    count, noise, lever_arm = len(state.azimuths_rad), context.noise, context.lever_arm
-    offsets = (state.points_m - context.plane.origin_m) @ context.plane.axes.T  # (L, 2) along and across
+    state, line, noise = context.state, context.observations.line, context.noise
+    normals, changes = _linearize_normals(context)
+    optical = (normals @ context.rotation)[line]
+    residual = np.einsum("nk,nk->n", optical, context.rays)
+    closest, sigma = _project_on_lines(context, optical, residual)
+    rows, count = np.arange(len(line)), len(state.azimuths_rad)
+    products = changes @ context.rotation @ closest.T  # (7, L, N) changes of every line's n . ray
+    units = np.array([1.0, 1.0, 1.0, noise.attitude_rad, noise.attitude_rad, *context.plane.slopes])
+    gradient = products[:, line, rows] * (units[:, None] / sigma)
+    by_focal = np.einsum("nk,nk->n", optical[:, :2], closest[:, :2]) * (-noise.focal_fraction / context.focal_scale)
+    jacobian = np.zeros((len(line), state.size))
+    jacobian[rows, 2 * line], jacobian[rows, 2 * line + 1] = gradient[:2]
+    jacobian[:, 2 * count : 2 * count + 3] = gradient[2:5].T
+    jacobian[:, 2 * count + 3] = by_focal / sigma
+    jacobian[:, 2 * count + 5 :] = gradient[5:].T
+    return Terms(-residual / sigma, jacobian)
+
+
+def _linearize_normals(context: Linearization) -> tuple[Array, Array]:
+    """Normals (L, 3) of the planes through camera and lines, and their changes (7, L, 3).
+
+    The changes are those by offset, azimuth, height, attitude about x and y, slope along and across.
+    """
+    state, lever_arm, axes = context.state, context.lever_arm, context.plane.axes
+    offsets = (state.points_m - context.plane.origin_m) @ axes.T  # (L, 2) along and across
     right = right_vectors(state.azimuths_rad)
-    heading = right[:, ::-1] * [1.0, -1.0]
-    gains = heading @ context.plane.axes.T  # (L, 2) of a line, per slope
-    point, direction, lateral = np.zeros((3, count, 3))
+    heading = np.array([right[:, 1], -right[:, 0]]).T
+    gains = heading @ axes.T  # (L, 2) of a line, per slope
+    point, direction, lateral = np.zeros((3, len(right), 3))
     point[:, :2], point[:, 2] = state.points_m, state.z_m + offsets @ context.slopes
     point -= context.camera_m
     direction[:, :2], direction[:, 2], lateral[:, :2] = heading, gains @ context.slopes, right
     # Factors of the normal, and of its changes by offset, azimuth, height, slope gain, the lever arm in roll and pitch.
-    first, second = np.empty((2, 7, count, 3))
+    first, second = np.empty((2, 7, len(right), 3))
     first[[0, 2, 4]], first[1], first[3] = point, lateral, DOWN
     first[5], first[6] = (0.0, lever_arm[2], -lever_arm[1]), (-lever_arm[2], 0.0, lever_arm[0])
     second[:], second[2], second[4] = direction, lateral, DOWN
     normal, by_offset, by_azimuth, by_height, by_gain, by_roll, by_pitch = cross(first, second)
-    by_roll[:, 1:] += normal[:, [2, 1]] * [1.0, -1.0]
-    by_pitch[:, ::2] += normal[:, [2, 0]] * [-1.0, 1.0]
+    by_roll[:, 1] += normal[:, 2]
+    by_roll[:, 2] -= normal[:, 1]
+    by_pitch[:, 0] -= normal[:, 2]
+    by_pitch[:, 2] += normal[:, 0]
     by_slopes = by_height * offsets.T[..., None] + by_gain * gains.T[..., None]
-    changes = np.array([by_offset, by_azimuth, by_height, by_roll, by_pitch, *by_slopes])  # (7, L, 3)
-    optical = (normal @ context.rotation)[line]
-    residual = (optical * context.rays).sum(axis=1)
-    closest, sigma = _project_on_lines(context, optical, residual)
-    gradient = np.einsum("cnk,nk->cn", changes[:, line], closest @ context.rotation.T)  # (7, N) changes of n . ray
-    jacobian = np.zeros((len(line), state.size))
-    rows = np.arange(len(line))
-    jacobian[rows, 2 * line], jacobian[rows, 2 * line + 1], jacobian[:, 2 * count] = gradient[:3]
-    jacobian[:, 2 * count + 1 : 2 * count + 3] = gradient[3:5].T * noise.attitude_rad
-    jacobian[:, 2 * count + 3] = (optical * closest)[:, :2].sum(axis=1) * (-noise.focal_fraction / context.focal_scale)
-    jacobian[:, 2 * count + 5 :] = gradient[5:].T * context.plane.slopes
-    return Terms(-residual / sigma, jacobian / sigma[:, None])
+    return normal, np.array([by_offset, by_azimuth, by_height, by_roll, by_pitch, *by_slopes])
 
 
 def tilt_matrix(x_rad: float, y_rad: float) -> Array:
     """Rotation (3, 3) by the rotation vector (x, y, 0). Source: Rodrigues' formula."""
-    angle = math.hypot(x_rad, y_rad)
-    sine, cosine = np.sinc(angle / np.pi), np.sinc(angle / (2 * np.pi)) ** 2 / 2  # sin(a) / a, (1 - cos(a)) / a^2
+    half = math.hypot(x_rad, y_rad) / 2
+    sinc = math.sin(half) / half if half else 1.0
+    sine, cosine = sinc * math.cos(half), sinc**2 / 2  # sin(a) / a, (1 - cos(a)) / a^2 of the angle a
     x2, y2, xy = cosine * x_rad**2, cosine * y_rad**2, cosine * x_rad * y_rad
     x, y = sine * x_rad, sine * y_rad
     return np.array([[1 - y2, xy, y], [xy, 1 - x2, -x], [-y, x, 1 - x2 - y2]])
@@ -173,7 +188,7 @@ def _project_on_lines(context: Linearization, optical: Array, residual: Array) -
     Derivatives are taken there: at the noisy ray they would correlate with the residual and bias the fit.
     """
     steps = context.observations.steps / context.focal_scale
-    by_column = (optical[:, :2] * steps).sum(axis=1)
+    by_column = np.einsum("nk,nk->n", optical[:, :2], steps)
     by_row = optical[:, 1] * context.observations.row_step
     variance = by_column**2 + by_row**2
     shift = steps * by_column[:, None]
@@ -185,10 +200,9 @@ def _project_on_lines(context: Linearization, optical: Array, residual: Array) -
 
 def _linearize_depths(context: Linearization) -> Terms:
     """Logarithm of the distance to the deck along each ray with a depth, against the measured one."""
-    has_depth = np.isfinite(context.observations.log_depth)
-    if not has_depth.any():
-        return empty_terms(context.state)
-    ray, count, lever_arm = context.world_rays[has_depth], len(context.state.azimuths_rad), context.lever_arm
+    has_depth, lever_arm = context.observations.has_depth, context.lever_arm
+    optical, count = context.rays[has_depth], len(context.state.azimuths_rad)
+    ray = optical @ context.rotation.T
     normal = np.array([*-(context.slopes @ context.plane.axes), 1.0])  # the deck's normal
     down = np.array([*context.plane.origin_m, context.state.z_m]) - context.camera_m
     height, descent = max(float(normal @ down), MIN_HEIGHT_M), np.maximum(ray @ normal, MIN_DOWN)
@@ -204,7 +218,7 @@ def _linearize_depths(context: Linearization) -> Terms:
         jacobian[:, 2 * count + 1 + k] = context.noise.attitude_rad * change
         tilt = np.array([*-context.plane.axes[k], 0.0])
         jacobian[:, 2 * count + 5 + k] = context.plane.slopes[k] * (tilt @ down / height - ray @ tilt / descent)
-    by_focal = context.rays[has_depth] * [1.0, 1.0, 0.0] @ (normal @ context.rotation)
+    by_focal = optical[:, :2] @ (normal @ context.rotation)[:2]
     jacobian[:, 2 * count + 3] = context.noise.focal_fraction / context.focal_scale * by_focal / descent
     jacobian[:, 2 * count + 4] = context.noise.depth_scale / scale
     sigma = max(context.noise.depth_fraction, MIN_DEPTH_FRACTION)
@@ -257,26 +271,24 @@ def linearize_deck_prior(names: tuple[str, ...], state: FitState, deck: Deck) ->
 
 def _azimuth_row(state: FitState, shares: dict[int, float], expected: float, sigma: float) -> tuple[float, Array]:
     """A weighted sum of azimuths, whose weights add up to zero, against its expectation."""
-    first = state.azimuths_rad[0]
-    azimuths = np.arctan2(np.sin(state.azimuths_rad - first), np.cos(state.azimuths_rad - first))
-    row = np.zeros(state.size)
+    first, row, total = float(state.azimuths_rad[0]), np.zeros(state.size), 0.0
     for k, share in shares.items():
+        total += share * math.remainder(float(state.azimuths_rad[k]) - first, math.tau)
         row[2 * k + 1] = share / sigma
-    return (expected - sum(share * float(azimuths[k]) for k, share in shares.items())) / sigma, row
+    return (expected - total) / sigma, row
 
 
 def _offset_row(state: FitState, shares: dict[int, float], expected: float, sigma: float) -> tuple[float, Array]:
     """A weighted sum of offsets across the lines' mean direction, at the middle of their points."""
     sigma = max(sigma, MIN_SIGMA_M)
-    numbers = list(shares)
-    along = np.array([np.cos(state.azimuths_rad[numbers]).sum(), np.sin(state.azimuths_rad[numbers]).sum()])
-    along /= np.linalg.norm(along)
-    across = np.array([-along[1], along[0]])
-    middle = state.points_m[numbers].mean(axis=0)
-    row, total = np.zeros(state.size), 0.0
-    for k, share in shares.items():
-        heading = np.array([np.cos(state.azimuths_rad[k]), np.sin(state.azimuths_rad[k])])
-        lever = float((middle - state.points_m[k]) @ along / (heading @ along))
-        total += share * float((state.points_m[k] + lever * heading - middle) @ across)
-        row[2 * k], row[2 * k + 1] = share / sigma, share * lever / sigma
-    return (expected - total) / sigma, row
+    numbers, weights = np.array(list(shares)), np.array(list(shares.values()))
+    azimuths, points = state.azimuths_rad[numbers], state.points_m[numbers]
+    headings = np.array([np.cos(azimuths), np.sin(azimuths)]).T
+    along = headings.sum(axis=0)
+    along /= math.hypot(*along)
+    ahead = points.mean(axis=0) - points  # from each line's point to the middle
+    levers = ahead @ along / (headings @ along)
+    offsets = (levers[:, None] * headings - ahead) @ np.array([-along[1], along[0]])
+    row = np.zeros(state.size)
+    row[2 * numbers], row[2 * numbers + 1] = weights / sigma, weights * levers / sigma
+    return (expected - float(weights @ offsets)) / sigma, row

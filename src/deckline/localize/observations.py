@@ -1,13 +1,14 @@
 """Observations of one frame for the joint fit: rays of the lines' points, their noise and depths."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from deckline.config import Mode
 from deckline.geometry import intersect_plane, rotation_matrix
-from deckline.localize.depth import MIN_DOWN, MIN_LINE_POINTS, MIN_SIGMA_PX, sample_depth, select_independent
+from deckline.localize.depth import MIN_DOWN, MIN_LINE_POINTS, sample_depth, select_independent, trace_points
 from deckline.types import NO_POSE, Diagnostic, Diagnostics, Frame, LinePoints, PixelLine, Reason
 
 Array = NDArray[np.float64]
@@ -25,7 +26,7 @@ class Observations:
     names: tuple[str, ...]
     """(L,) the lines in order."""
     line: Index
-    """(N,) which line a point belongs to."""
+    """(N,) which line a point belongs to, in ascending order."""
     rays: Array
     """(N, 3)."""
     steps: Array
@@ -41,9 +42,15 @@ class Observations:
     rotation: Array
     """(3, 3) of world_from_camera."""
 
-    @property
+    @cached_property
     def world_rays(self) -> Array:
+        """(N, 3)."""
         return self.rays @ self.rotation.T
+
+    @cached_property
+    def has_depth(self) -> NDArray[np.bool_]:
+        """(N,) which points have a depth."""
+        return np.isfinite(self.log_depth)
 
     def select(self, names: tuple[str, ...]) -> "Observations":
         """The observations of some of the lines, in the order given."""
@@ -74,34 +81,32 @@ def observe(
     pose = frame.world_from_camera
     if pose is None or frame.world_from_body is None:
         raise ValueError(f"{frame.file}: {NO_POSE.message}")
-    rotation = rotation_matrix(pose)
-    parts, missing = {}, []
-    for side, line in pixel_lines.items():
-        part = _line_rays(frame, points[side], line, rotation, mode)
-        if len(part[0]) < MIN_LINE_POINTS:
-            missing.append(Diagnostic(Reason.NO_POINTS, f"the {side} line has too few points on the deck"))
-        else:
-            parts[side] = part
-    nothing = (np.zeros((0, 3)), np.zeros((0, 2)), np.zeros(0))
-    rays, steps, log_depth = (np.concatenate(column) for column in zip(nothing, *parts.values(), strict=True))
-    index = np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts.values()])
-    rest = (ROW_SIGMA_PX / frame.camera.fy, log_depth, frame.world_from_body.translation, pose.translation, rotation)
-    return Observations(tuple(parts), index, rays, steps, *rest), tuple(missing)
-
-
-def _line_rays(
-    frame: Frame, points: LinePoints, line: PixelLine, rotation: Array, mode: Mode
-) -> tuple[Array, Array, Array]:
-    px, sigma = points.points_px[line.inliers], points.sigma_px[line.inliers]
-    step = np.column_stack([np.maximum(sigma, MIN_SIGMA_PX), np.zeros(len(px))])
-    rays, after, before = frame.camera.rays(np.concatenate([px, px + step, px - step])).reshape(3, -1, 3)
-    steps = (after - before)[:, :2] / 2
+    rotation, camera = rotation_matrix(pose), frame.camera
+    inliers = [points[side].points_px[line.inliers] for side, line in pixel_lines.items()]
+    counts = [len(px) for px in inliers]
+    px = np.concatenate(inliers)
+    sigma = np.concatenate([points[side].sigma_px[line.inliers] for side, line in pixel_lines.items()])
+    rays, steps = trace_points(camera, px, sigma)
+    on_deck = np.isfinite(rays).all(axis=1) & np.isfinite(steps).all(axis=1) & (rays @ rotation[2] > MIN_DOWN)
     log_depth = np.full(len(px), np.nan)
     if mode != "coarse" and frame.depth_m is not None:
-        depth = sample_depth(frame.depth_m, px)
-        log_depth = np.log(np.where(select_independent(px, np.isfinite(depth)), depth, np.nan))
-    chosen = np.isfinite(rays).all(axis=1) & np.isfinite(steps).all(axis=1) & (rays @ rotation[2] > MIN_DOWN)
-    return rays[chosen], steps[chosen], log_depth[chosen]
+        log_depth = np.concatenate([_log_depths(frame.depth_m, line_px) for line_px in inliers])
+    index = np.repeat(np.arange(len(counts)), counts)
+    enough = np.bincount(index[on_deck], minlength=len(counts)) >= MIN_LINE_POINTS
+    names = tuple(side for side, is_enough in zip(pixel_lines, enough, strict=True) if is_enough)
+    chosen, number = on_deck & enough[index], np.cumsum(enough) - 1  # of the lines that have enough points
+    rest = (ROW_SIGMA_PX / camera.fy, log_depth[chosen], frame.world_from_body.translation, pose.translation, rotation)
+    return Observations(names, number[index[chosen]], rays[chosen], steps[chosen], *rest), tuple(
+        Diagnostic(Reason.NO_POINTS, f"the {side} line has too few points on the deck")
+        for side in pixel_lines
+        if side not in names
+    )
+
+
+def _log_depths(depth_m: NDArray[np.float32], points_px: Array) -> Array:
+    """Logarithms (N,) of the depth at points (N, 2) of one line; NaN without one, or where another point has it."""
+    depth = sample_depth(depth_m, points_px)
+    return np.log(np.where(select_independent(points_px, np.isfinite(depth)), depth, np.nan))
 
 
 def initial_height(observations: Observations, deck_z_m: float | None, fine: bool) -> float | None:
@@ -109,7 +114,7 @@ def initial_height(observations: Observations, deck_z_m: float | None, fine: boo
 
     None when there is neither, or when the deck would lie above the camera.
     """
-    valid = np.isfinite(observations.log_depth)
+    valid = observations.has_depth
     if valid.any() and (fine or deck_z_m is None):
         below_m = np.exp(observations.log_depth[valid]) * observations.world_rays[valid, 2]
         z = float(np.median(observations.camera_m[2] + below_m))

@@ -17,6 +17,7 @@ from deckline.localize.model import (
     DeckPlane,
     FitState,
     Terms,
+    concatenate,
     linearize_deck_prior,
     linearize_measurements,
     linearize_state_prior,
@@ -25,6 +26,7 @@ from deckline.localize.observations import Observations
 
 Array = NDArray[np.float64]
 Fit = tuple[FitState, Terms, Terms]  # a state with its measurements and priors
+Blocks = list[slice]  # of measurements that share a noise inflation: each line's pixels, all depths
 STEPS = 12  # of Gauss-Newton at most; three or four are usual
 CONVERGED = 1e-2  # 1-sigma; a smaller step ends the iteration
 HUBER = 2.5  # 1-sigma; cost of larger residuals grows linearly: 99 % efficient without outliers
@@ -78,15 +80,13 @@ def solve(
             that prior measures it.
     """
     plane = _orient_plane(start, noise)
-    # One block per line for its pixels and one for all depths.
-    depths = int(np.isfinite(observations.log_depth).sum())
-    blocks = np.concatenate([observations.line, np.full(depths, len(observations.names), dtype=np.int64)])
+    blocks = _split_blocks(observations)
 
     def terms(state: FitState) -> tuple[Terms, Terms]:
-        measurement = _concatenate(*linearize_measurements(observations, state, plane, noise))
+        measurement = linearize_measurements(observations, state, plane, noise)
         prior = linearize_state_prior(state, deck_z_m, noise)
         if inflation is not None:
-            prior = _concatenate(linearize_deck_prior(observations.names, state, deck), prior)
+            prior = concatenate(linearize_deck_prior(observations.names, state, deck), prior)
         return measurement, prior
 
     keys = (*observations.names, DEPTH)
@@ -99,6 +99,13 @@ def solve(
     return _derive_solution(factors, fit, plane, blocks, scale, deck_z_m is not None)
 
 
+def _split_blocks(observations: Observations) -> Blocks:
+    """Where each line's pixels lie among the measurements, and all depths after them."""
+    ends = np.searchsorted(observations.line, np.arange(len(observations.names)), side="right").tolist()
+    ends.append(len(observations.line) + int(observations.has_depth.sum()))
+    return [slice(start, end) for start, end in zip([0, *ends], ends, strict=False)]
+
+
 def _orient_plane(start: FitState, noise: FrameNoise) -> DeckPlane:
     """The plane of the deck through the lines, its axes along and across their mean direction."""
     along = np.array([np.cos(start.azimuths_rad).sum(), np.sin(start.azimuths_rad).sum()])
@@ -109,12 +116,10 @@ def _orient_plane(start: FitState, noise: FrameNoise) -> DeckPlane:
     return DeckPlane(start.points_m.mean(axis=0), np.stack([forward, right]), np.full(2, noise.slope_rad))
 
 
-def _minimize(
-    terms: Callable[[FitState], tuple[Terms, Terms]], start: Fit, blocks: NDArray[np.int64], scale: Array
-) -> Fit:
-    (state, measurement, prior), damping = start, 0.0
+def _minimize(terms: Callable[[FitState], tuple[Terms, Terms]], start: Fit, blocks: Blocks, scale: Array) -> Fit:
+    (state, measurement, prior), damping, precision = start, 0.0, 1 / _spread(scale, blocks) ** 2
     for _ in range(STEPS):
-        weights = _robust_weights(measurement.residuals, blocks) / scale[blocks] ** 2
+        weights = _robust_weights(measurement.residuals, blocks) * precision
         cost = _cost(measurement, prior, weights)
         normal = _normal_matrix(measurement, prior, weights)
         gradient = measurement.jacobian.T @ (weights * measurement.residuals) + prior.jacobian.T @ prior.residuals
@@ -131,6 +136,11 @@ def _minimize(
     return state, measurement, prior
 
 
+def _spread(values: Array, blocks: Blocks) -> Array:
+    """Each block's value (B,) at all of its measurements (M,)."""
+    return np.repeat(values, [block.stop - block.start for block in blocks])
+
+
 def _cost(measurement: Terms, prior: Terms, weights: Array) -> float:
     return float(weights @ measurement.residuals**2 + prior.residuals @ prior.residuals)
 
@@ -139,40 +149,39 @@ def _normal_matrix(measurement: Terms, prior: Terms, weights: Array) -> Array:
     return (measurement.jacobian.T * weights) @ measurement.jacobian + prior.jacobian.T @ prior.jacobian
 
 
-def _robust_weights(residuals: Array, blocks: NDArray[np.int64]) -> Array:
+def _robust_weights(residuals: Array, blocks: Blocks) -> Array:
     """Huber weights with a cut-off, in units of each block's median deviation where that exceeds the assumed noise."""
     size = np.abs(residuals)
-    deviation = np.ones(int(blocks.max()) + 1)
-    for block in range(len(deviation)):
-        members = size[blocks == block]
+    for block in blocks:
+        members = size[block]
         if len(members):
             middle = len(members) // 2
-            deviation[block] = max(1.0, MEDIAN_TO_SIGMA * float(np.partition(members, middle)[middle]))
-    size = size / deviation[blocks]
+            members /= max(1.0, MEDIAN_TO_SIGMA * float(np.partition(members, middle)[middle]))
     return np.where(size > CUTOFF, 0.0, np.minimum(1.0, HUBER / np.maximum(size, HUBER)))
 
 
-def _measure_inflation(measurement: Terms, blocks: NDArray[np.int64], observations: Observations) -> Array:
+def _measure_inflation(measurement: Terms, blocks: Blocks, observations: Observations) -> Array:
     """Noise inflation of each block, (L + 1,)."""
     weights = _robust_weights(measurement.residuals, blocks)
+    normalised = np.sqrt(weights) * measurement.residuals
     nearness = observations.world_rays[:, 2]
-    along = np.concatenate([nearness, nearness[np.isfinite(observations.log_depth)]])
+    along = np.concatenate([nearness, nearness[observations.has_depth]])
     parts = []
-    for block in range(len(observations.names) + 1):
-        members = np.flatnonzero((blocks == block) & (weights > 0))
-        members = members[np.argsort(along[members])]
-        parts.append(np.sqrt(weights[members]) * measurement.residuals[members])
+    for block in blocks:
+        members = block.start + np.flatnonzero(weights[block])
+        parts.append(normalised[members[np.argsort(along[members])]])
     pixels = noise_inflation(parts[:-1], CORRELATION, CORRELATION_SIGMA)
     return np.concatenate([pixels, noise_inflation(parts[-1:], 0.0, CORRELATION_SIGMA)])
 
 
 def _derive_solution(
-    inflation: dict[str, float], fit: Fit, plane: DeckPlane, blocks: NDArray[np.int64], scale: Array, has_height: bool
+    inflation: dict[str, float], fit: Fit, plane: DeckPlane, blocks: Blocks, scale: Array, has_height: bool
 ) -> Solution:
     state, measurement, prior = fit
-    weights = _robust_weights(measurement.residuals, blocks) / scale[blocks] ** 2
+    factors = _spread(scale, blocks)
+    weights = _robust_weights(measurement.residuals, blocks) / factors**2
     inverse = np.linalg.inv(_normal_matrix(measurement, prior, weights))
-    by_points = inverse @ measurement.jacobian.T * (weights * scale[blocks])
+    by_points = inverse @ measurement.jacobian.T * (weights * factors)
     by_prior = inverse @ prior.jacobian.T
     geometry = by_prior[:, : -NUISANCES - 1 if has_height else -NUISANCES]
     height, score = np.zeros(len(inverse)), 0.0
@@ -182,10 +191,6 @@ def _derive_solution(
     points = np.hstack([by_points, geometry])
     nuisances = by_prior[:, -NUISANCES:]
     return Solution(tuple(inflation)[:-1], state, plane, points, height, nuisances, score, inflation)
-
-
-def _concatenate(*terms: Terms) -> Terms:
-    return Terms(np.concatenate([t.residuals for t in terms]), np.vstack([t.jacobian for t in terms]))
 
 
 def noise_inflation(lines: list[Array], prior_correlation: float, prior_sigma: float) -> Array:
@@ -230,23 +235,25 @@ def _restricted_likelihood(lines: list[Array], correlations: Array) -> tuple[Arr
         count = len(residuals)
         if count < MIN_POINTS:
             continue
-        columns = np.column_stack([np.ones(count), np.linspace(-1.0, 1.0, count), residuals])
-        white = _whiten(columns, correlations)
-        products = np.swapaxes(white, 1, 2) @ white  # (C, 3, 3)
-        normal, right = products[:, :2, :2], products[:, :2, 2:]
-        explained = (right * np.linalg.solve(normal, right)).sum(axis=(1, 2))
-        squares += products[:, 2, 2] - explained
-        volume += (count - 1) * np.log(1 - correlations**2) + np.linalg.slogdet(normal)[1]
+        columns = np.array([np.ones(count), np.linspace(-1.0, 1.0, count), residuals])
+        (a, b, x), (_, c, y), (_, _, z) = _whitened_products(columns, correlations)
+        determinant = a * c - b**2
+        squares += z - (c * x**2 - 2 * b * x * y + a * y**2) / determinant
+        volume += (count - 1) * np.log(1 - correlations**2) + np.log(determinant)
         degrees += count - 2
     return squares, volume, degrees
 
 
-def _whiten(columns: Array, correlations: Array) -> Array:
-    """Columns (N, k) without what each row has from the one before, for every correlation (C,): (C, N, k)."""
-    share = correlations[:, None, None]
-    innovation = (columns[1:] - share * columns[:-1]) / np.sqrt(1 - share**2)
-    first = np.broadcast_to(columns[:1], (len(correlations), *columns[:1].shape))
-    return np.concatenate([first, innovation], axis=1)
+def _whitened_products(rows: Array, correlations: Array) -> Array:
+    """Scalar products (k, k, C) of rows (k, N) without what each number has from the one before, for (C,) correlations.
+
+    Whitened, a row is x_1 and (x_i - r x_i-1) / sqrt(1 - r^2): its products are quadratic in r.
+    """
+    first, last = (np.outer(ends, ends) for ends in (rows[:, 0], rows[:, -1]))
+    whole, lagged = rows @ rows.T, rows[:, 1:] @ rows[:, :-1].T
+    later, lagged, earlier = ((part[..., None]) for part in (whole - first, lagged + lagged.T, whole - last))
+    innovations = later - correlations * lagged + correlations**2 * earlier
+    return np.asarray(first[..., None] + innovations / (1 - correlations**2))
 
 
 def _dispersion(residuals: Array) -> float:
