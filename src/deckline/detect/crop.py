@@ -6,6 +6,7 @@ centres are exact: network pixel (x, y) shows image pixel u = left + (x + 0.5) s
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_array
@@ -117,9 +118,9 @@ def sample_crop(image_rgb: NDArray, crop: Crop, network_size: tuple[int, int]) -
     rows, first_row, valid_row = _resampling_weights(crop.top, crop.step, net_height, height)
     columns, first_column, valid_column = _resampling_weights(crop.left, crop.step, net_width, width)
     part = image_rgb[first_row : first_row + rows.shape[1], first_column : first_column + columns.shape[1]]
-    turned = np.ascontiguousarray(part.transpose(1, 0, 2), dtype=np.float32).reshape(part.shape[1], -1)
-    narrow = (columns @ turned).reshape(net_width, -1, 3)  # (width, part's rows, 3)
-    seen = (rows @ np.ascontiguousarray(narrow.transpose(1, 0, 2)).reshape(len(part), -1)).reshape(net_height, -1, 3)
+    turned = cv2.transpose(part).astype(np.float32, copy=False).reshape(part.shape[1], -1)
+    narrow = cv2.transpose((columns @ turned).reshape(net_width, -1, 3))  # (part's rows, width, 3)
+    seen = (rows @ narrow.reshape(len(part), -1)).reshape(net_height, -1, 3)
     seen[~valid_row] = np.nan
     seen[:, ~valid_column] = np.nan
     return np.asarray(seen)
