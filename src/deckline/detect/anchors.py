@@ -9,6 +9,7 @@ Source: row anchors after UFLD (Qin, Wang and Li, 2020).
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -66,12 +67,12 @@ class RowGrid:
     def cell_px(self) -> float:
         return self.width / self.cells
 
-    @property
+    @cached_property
     def row_y(self) -> Float64:
         """y of every row anchor, px, (rows,)."""
         return (np.arange(self.rows) + 0.5) * self.height / self.rows - 0.5
 
-    @property
+    @cached_property
     def transposed(self) -> "RowGrid":
         """Column anchors: the same image with x and y swapped, one anchor a cell and one cell a row of this grid."""
         return RowGrid(self.height, self.width, self.rows, self.cells)
@@ -167,11 +168,12 @@ def decode(logits: Float32, grid: RowGrid, config: DecodeConfig | None = None) -
     values = logits.astype(np.float64)
     best = values[..., :-1].argmax(axis=-1)[..., None]
     odds = np.exp(np.minimum(values - np.take_along_axis(values, best, axis=-1), MOST_LOG_ODDS))  # over the best cell's
-    cells = np.arange(grid.cells)
-    weights = np.where(np.abs(cells - best) <= config.window_cells, odds[..., :-1], 0.0)
+    window = best + np.arange(-config.window_cells, config.window_cells + 1)
+    is_cell = (window >= 0) & (window < grid.cells)
+    weights = np.where(is_cell, np.take_along_axis(odds, np.clip(window, 0, grid.cells - 1), axis=-1), 0.0)
     inside, total = weights.sum(axis=-1), odds.sum(axis=-1)
-    mean = weights @ cells / inside
-    spread = (weights * (cells - mean[..., None]) ** 2).sum(axis=-1) / inside
+    mean = (weights * window).sum(axis=-1) / inside
+    spread = (weights * (window - mean[..., None]) ** 2).sum(axis=-1) / inside
     fraction = mean - np.floor(mean)
     target = config.stripe_cells**2 / 12 if config.stripe_cells > 0 else fraction * (1 - fraction)
     variance = np.maximum(spread - target, 0.0) + config.sigma_floor_cells**2
@@ -232,12 +234,11 @@ def decode_region(logits: Float32, offsets: Float32) -> Region:
     values = logits.astype(np.float64)
     none = np.exp(values[-1] - np.logaddexp.reduce(values))
     shares = np.exp(values[:-1] - values[:-1].max()).reshape(height, width)
-    best_row, best_column = np.unravel_index(int(shares.argmax()), shares.shape)
-    row, column = np.mgrid[0:height, 0:width]
-    votes = shares * ((np.abs(row - best_row) <= 1) & (np.abs(column - best_column) <= 1))
-    votes /= votes.sum()
-    mean = [(votes * offset).sum() for offset in offsets]
-    at = np.array([(votes * column).sum(), (votes * row).sum()])
+    best_row, best_column = divmod(int(shares.argmax()), width)
+    rows, columns = slice(max(best_row - 1, 0), best_row + 2), slice(max(best_column - 1, 0), best_column + 2)
+    votes = shares[rows, columns] / shares[rows, columns].sum()
+    mean = (votes * offsets[:, rows, columns]).sum(axis=(1, 2))
+    at = np.array([votes.sum(axis=0) @ np.arange(width)[columns], votes.sum(axis=1) @ np.arange(height)[rows]])
     centre = (at + mean[:2] + 0.5) * STRIDE - 0.5
     half = SIZE_PX * np.exp(np.clip(mean[2:], -5.0, 3.0)) / 2
     return Region(np.concatenate([centre - half, centre + half]), float(1.0 - none))
