@@ -7,6 +7,7 @@ coordinates in a. Pixels: u to the right, v down, the *centre* of the top-left p
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +20,7 @@ UNDISTORT_STEPS = 60  # fixed-point steps; 1e-9 px for lenses up to 30 % distort
 UNDISTORT_MIN_STEP = 1e-12  # of normalised image coordinates; smaller steps change nothing
 TINY = 1e-12  # of normalised image coordinates: the fisheye's axis itself
 UNDISTORT_TOLERANCE = 1e-6  # of normalised image coordinates; a larger residual does not converge
+GRID_POINTS = 9  # along each edge of a rectangle that goes through a lens
 UNKNOWN_FOV_DEG = 65.0  # horizontal, of an assumed camera: 24-28 mm equivalent, as most phones and action cameras have
 UNKNOWN_FOCAL_SIGMA = 0.35  # share of its focal length: 1-sigma 89 to 51 degrees (18 to 38 mm), 2-sigma to 48 mm
 QUATERNION_TOLERANCE = 0.01  # of its length; rounding to two decimals changes it by at most as much
@@ -151,6 +153,12 @@ class Camera:
         rays[:, :2] = xy
         return rays
 
+    @cached_property
+    def reach(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Least and most (2,) x / z and y / z of the rays that pixels of the image have."""
+        rays = self.rays(grid_points(self.width - 1, self.height - 1))[:, :2]
+        return np.nanmin(rays, axis=0), np.nanmax(rays, axis=0)
+
     def resized(self, width: int, height: int) -> "Camera":
         """The same lens seen through an image of another size (with consistent pixel centres)."""
         sx, sy = width / self.width, height / self.height
@@ -169,6 +177,12 @@ class Camera:
         v, u = np.mgrid[0 : self.height, 0 : self.width]
         rays = self.rays(np.stack([u.ravel(), v.ravel()], axis=1).astype(np.float64))
         return np.linalg.norm(rays, axis=1).reshape(self.height, self.width).astype(np.float32)
+
+
+def grid_points(width: float, height: float) -> NDArray[np.float64]:
+    """Points (N, 2) spread evenly over a rectangle from (0, 0) to (width, height), its edges included."""
+    share = np.linspace(0.0, 1.0, GRID_POINTS)
+    return np.stack(np.meshgrid(share * width, share * height), axis=-1).reshape(-1, 2)
 
 
 def _bend(theta: NDArray[np.float64], k: tuple[float, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -5,6 +5,7 @@ become smaller until the runway fills a good half of the network's view.
 """
 
 from dataclasses import dataclass, field
+from statistics import median
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +13,13 @@ from numpy.typing import NDArray
 from deckline.checks import check_numbers
 from deckline.detect.anchors import EDGES, DecodeConfig, NetworkOutput, RowGrid, RowPoints, decode
 from deckline.detect.crop import Crop, crop_around
+from deckline.detect.runway_shape import fit_straight
 from deckline.types import Detection, LinePoints
 
 MIN_SLOPE = 0.01  # dv / du; a flatter line's sigma of u is not stretched further
 NEAR_WEIGHT = 4.0  # of the nearest point over the farthest; chosen with FlightGear's nine frames in view
 LINE_CANDIDATES = 24  # points of which any two are tried as a straight line's
+CANDIDATE_PAIRS = np.array(np.triu_indices(LINE_CANDIDATES, 1))
 MAX_SHIFT = 0.25  # of the view; training jitters a crop's centre by as much
 
 Float64 = NDArray[np.float64]
@@ -106,7 +109,7 @@ def decode_lines(output: NetworkOutput, crop: Crop, config: DetectConfig) -> Det
 
 def _is_right_of(one: RowPoints, other: RowPoints) -> bool:
     both = np.isfinite(one.x_px) & np.isfinite(other.x_px)
-    return bool(both.any() and np.median(other.x_px[both] - one.x_px[both]) <= 0)
+    return bool(both.any()) and median((other.x_px[both] - one.x_px[both]).tolist()) <= 0
 
 
 def _row_points(rows: RowPoints, crop: Crop, config: DetectConfig) -> LinePoints:
@@ -121,7 +124,7 @@ def _column_points(columns: RowPoints, crop: Crop, config: DetectConfig) -> Line
     if not chosen.any():
         return LinePoints.empty()
     points = crop.to_image(np.stack([config.grid.transposed.row_y, columns.x_px], axis=1)[chosen])
-    slope = abs(np.polyfit(points[:, 0], points[:, 1], 1)[0])  # dv / du
+    slope = abs(fit_straight(points[:, 0], points[:, 1])[0])  # dv / du
     return LinePoints(points, columns.confidence[chosen], columns.sigma_px[chosen] * crop.step / max(slope, MIN_SLOPE))
 
 
@@ -143,9 +146,11 @@ def largest_collinear_subset(x: Float64, y: Float64, weights: Float64, tolerance
     """The points (N,) of most weight whose x lies within `tolerance` of one straight line x(y); y differ, in order."""
     if len(x) < 3:
         return np.ones(len(x), dtype=bool)
-    tried = np.unique(np.linspace(0, len(x) - 1, LINE_CANDIDATES).round().astype(int))
-    first, second = (tried[ends] for ends in np.triu_indices(len(tried), 1))
+    count = min(len(x), LINE_CANDIDATES)
+    tried = np.linspace(0, len(x) - 1, count).round().astype(int)
+    first, second = tried[CANDIDATE_PAIRS[:, CANDIDATE_PAIRS[1] < count]]
     slope = (x[second] - x[first]) / (y[second] - y[first])
-    distance = np.abs(x - x[first, None] - slope[:, None] * (y - y[first, None]))
+    distance = np.abs(x - slope[:, None] * y - (x[first] - slope * y[first])[:, None])
     near = distance <= tolerance
-    return np.asarray(near[np.argmax((near * weights * (1 - 0.1 * distance / tolerance)).sum(axis=1))])
+    support = np.where(near, 1 - 0.1 / tolerance * distance, 0.0) @ weights
+    return np.asarray(near[support.argmax()])

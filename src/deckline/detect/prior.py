@@ -5,14 +5,14 @@ from numpy.typing import NDArray
 
 from deckline.config import RunwaySurvey
 from deckline.detect.crop import Box, box_around
-from deckline.geometry import Camera
+from deckline.geometry import Camera, grid_points, rotation_matrix
 from deckline.types import Detection, Frame, LineVisibility, RunwayEstimate, RunwayPrior
 
 Array = NDArray[np.float64]
 
 MARGIN_SIGMAS = 2.0  # around the prior's lines; a runway farther off is left to the search of the whole image
 MIN_DEPTH_M = 1.0  # at which a line that passes the camera is cut
-EDGE_POINTS = 9  # along each edge of a box that goes through a lens
+BOX_GRID = grid_points(1.0, 1.0)  # (N, 2) shares of a box that goes through a lens
 MAX_AGE_S = 5.0  # of the last image
 IMAGE_MARGIN = 0.5  # of the last image's box on every side: what an aircraft turns between frames
 
@@ -38,34 +38,33 @@ def project_prior(frame: Frame, prior: RunwayPrior) -> Box | None:
     if pose is None or not np.isfinite(numbers).all():
         return None
     angle = MARGIN_SIGMAS * prior.azimuth_sigma_rad
-    camera_from_world = pose.inv()
-    parts = [_cut_ahead(camera_from_world.apply(line)) for a in (-angle, 0.0, angle) for line in _turn(prior, a)]
-    points = np.concatenate(parts)  # a straight line's picture is straight: its ends bound it, and so do its margins'
-    if not len(points):
+    lines = _turn(prior, np.array([-angle, 0.0, angle]))
+    points = _cut_ahead((lines - pose.translation) @ rotation_matrix(pose))
+    if not len(points):  # a straight line's picture is straight: its ends bound it, and so do its margins'
         return None
     margin = MARGIN_SIGMAS * prior.sigma_m / points[:, 2:]
     normalised = points[:, :2] / points[:, 2:]
     return _box_through_lens((normalised - margin).min(axis=0), (normalised + margin).max(axis=0), frame.camera)
 
 
-def _turn(prior: RunwayPrior, angle_rad: float) -> list[Array]:
-    """Both lines (2, 3), turned about the middle of their near ends."""
+def _turn(prior: RunwayPrior, angles_rad: Array) -> Array:
+    """Both lines turned about the middle of their near ends by angles (A,): (2 A, 2, 3)."""
     pivot = (prior.left_m[0] + prior.right_m[0]) / 2
-    cos, sin = np.cos(angle_rad), np.sin(angle_rad)
-    rotation = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    return [pivot + (line - pivot) @ rotation for line in (prior.left_m, prior.right_m)]
+    cos, sin, zero = np.cos(angles_rad), np.sin(angles_rad), np.zeros(len(angles_rad))
+    rotations = np.array([[cos, sin, zero], [-sin, cos, zero], [zero, zero, zero + 1.0]]).transpose(2, 0, 1)
+    lines = np.concatenate([prior.left_m, prior.right_m]) - pivot
+    return (pivot + lines @ rotations).reshape(-1, 2, 3)
 
 
-def _cut_ahead(ends_m: Array) -> Array:
-    """Of a line's ends (2, 3) in the optical frame, those of the part ahead of the camera; (0, 3) if there is none."""
-    depth = ends_m[:, 2]
-    if depth.max() <= MIN_DEPTH_M:
-        return np.zeros((0, 3))
-    if depth.min() >= MIN_DEPTH_M:
-        return ends_m
-    share = (MIN_DEPTH_M - depth[0]) / (depth[1] - depth[0])
-    cut = ends_m[0] + share * (ends_m[1] - ends_m[0])
-    return np.stack([cut, ends_m[int(depth.argmax())]])
+def _cut_ahead(lines_m: Array) -> Array:
+    """Of lines' ends (L, 2, 3) in the optical frame, those of the parts ahead of the camera: (N, 3)."""
+    depth = lines_m[..., 2]
+    is_ahead, is_behind = depth.max(axis=1) > MIN_DEPTH_M, depth < MIN_DEPTH_M
+    near, away = lines_m[:, 0], lines_m[:, 1] - lines_m[:, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):  # of lines that are not cut
+        cut = near + ((MIN_DEPTH_M - near[:, 2]) / away[:, 2])[:, None] * away
+    ends = np.where(is_behind[..., None], cut[:, None], lines_m)
+    return np.asarray(ends[is_ahead].reshape(-1, 3))
 
 
 def _box_through_lens(low: Array, high: Array, camera: Camera) -> Box | None:
@@ -73,15 +72,13 @@ def _box_through_lens(low: Array, high: Array, camera: Camera) -> Box | None:
 
     It is cut to what the lens reaches first: distortion coefficients bend what is far outside back into the image.
     """
-    u, v = np.linspace(0.0, camera.width - 1, EDGE_POINTS), np.linspace(0.0, camera.height - 1, EDGE_POINTS)
-    rays = camera.rays(np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2))[:, :2]
-    low, high = np.maximum(low, np.nanmin(rays, axis=0)), np.minimum(high, np.nanmax(rays, axis=0))
+    least, most = camera.reach
+    low, high = np.maximum(low, least), np.minimum(high, most)
     if not (low < high).all():
         return None
-    share = np.linspace(0.0, 1.0, EDGE_POINTS)
-    x, y = (low[axis] + share * (high[axis] - low[axis]) for axis in (0, 1))
-    grid = np.stack([*np.meshgrid(x, y), np.ones((EDGE_POINTS, EDGE_POINTS))], axis=-1).reshape(-1, 3)
-    pixels = camera.project(grid)
+    rays = np.ones((len(BOX_GRID), 3))
+    rays[:, :2] = low + BOX_GRID * (high - low)
+    pixels = camera.project(rays)
     u0, v0 = np.clip(pixels.min(axis=0), -0.5, [camera.width - 1.5, camera.height - 1.5])
     u1, v1 = np.clip(pixels.max(axis=0), [u0 + 1.0, v0 + 1.0], [camera.width - 0.5, camera.height - 0.5])
     return float(u0), float(v0), float(u1), float(v1)

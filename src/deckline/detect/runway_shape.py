@@ -62,7 +62,7 @@ def runway_shape(lines: Detection) -> RunwayShape | None:
     left, right = lines.left.points_px, lines.right.points_px
     if min(len(left), len(right)) < 2 or min(np.ptp(left[:, 1]), np.ptp(right[:, 1])) <= 0:
         return None
-    (slope, start), (other_slope, other_start) = (_fit_u(points) for points in (left, right))
+    (slope, start), (other_slope, other_start) = (fit_straight(points[:, 1], points[:, 0]) for points in (left, right))
     opening = other_slope - slope  # px of width a row
     if opening == 0:
         return None
@@ -77,7 +77,9 @@ def runway_shape(lines: Detection) -> RunwayShape | None:
     return RunwayShape((at_horizon, horizon), (far, near), (widths[0], widths[1]), shared, offset)
 
 
-def _fit_u(points_px: Float64) -> tuple[float, float]:
-    """Slope and intercept of the straight line u(v) through points (N, 2) on different rows."""
-    slope, start = np.polyfit(points_px[:, 1], points_px[:, 0], 1)
-    return float(slope), float(start)
+def fit_straight(x: Float64, y: Float64) -> tuple[float, float]:
+    """Slope and intercept of the straight line y(x) through points (N,) that differ in x, by least squares."""
+    middle = float(x.mean())
+    offsets = x - middle
+    slope = float(offsets @ y) / float(offsets @ offsets)
+    return slope, float(y.mean()) - slope * middle
