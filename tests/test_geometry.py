@@ -121,6 +121,11 @@ def test_the_mounted_camera_points_forward_with_right_and_down():
     np.testing.assert_allclose(tilted.apply([0, 0, 1.0]), [0, 0, 1.0], atol=1e-12)  # looks straight down
 
 
+def test_the_reach_of_a_pinhole_is_its_field_of_view():
+    low, high = Camera.from_fov(101, 51, np.pi / 2).reach
+    np.testing.assert_allclose([low, high], [[-100 / 101, -50 / 101], [100 / 101, 50 / 101]])
+
+
 slopes = st.one_of(st.just(0.0), st.floats(1e-9, 100), st.floats(-100, -1e-9))
 
 

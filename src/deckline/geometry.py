@@ -245,15 +245,15 @@ def camera_mount(translation_m: ArrayLike = (0.0, 0.0, 0.0), mount: Rotation | N
     return RigidTransform.from_components(np.asarray(translation_m, dtype=np.float64), rotation)
 
 
-def intersect_plane(origin_m: ArrayLike, directions: ArrayLike, plane_z_m: float) -> NDArray[np.float64]:
-    """Where rays from one origin (3,) along directions (N, 3) meet the horizontal plane z = plane_z_m.
+def intersect_plane(origin_m: ArrayLike, directions: ArrayLike, plane_z_m: ArrayLike) -> NDArray[np.float64]:
+    """Where rays from one origin (3,) along directions (N, 3) meet the horizontal plane z = plane_z_m, one or (N,).
 
     Returns (N, 3); NaN for a ray that is parallel to the plane or meets it behind its origin.
     """
     origin = np.asarray(origin_m, dtype=np.float64)
     rays = _points(directions, 3)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        steps = (plane_z_m - origin[2]) / rays[:, 2]
+        steps = (np.asarray(plane_z_m) - origin[2]) / rays[:, 2]
     steps = np.where(np.isfinite(steps) & (steps > 0), steps, np.nan)
     return origin + steps[:, None] * rays
 

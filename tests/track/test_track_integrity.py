@@ -15,7 +15,15 @@ from deckline.track.filter import update
 from deckline.track.integrity import FaultMonitor, LeftOut
 from deckline.track.measurement import measure, select_consistent
 from deckline.track.motion import Pose
-from deckline.track.prior_tests import UNBOUNDED_YAW, UNLIKELY, YOUNG, bias_flag, drift_flag, unverified_reasons
+from deckline.track.prior_tests import (
+    UNBOUNDED_YAW,
+    UNLIKELY,
+    YOUNG,
+    bias_flag,
+    drift_flag,
+    prior_tests,
+    unverified_reasons,
+)
 from deckline.track.protection import fault_gains, least_closing_speed, protection_levels, undetected_yaw
 from deckline.track.stated_width import WidthTest
 from deckline.track.states import KNOWN_DRIFT_SIGMA_M_S, States, initial_state
@@ -145,12 +153,13 @@ def test_errors_that_are_each_just_possible_are_doubted_together():
         for index, size in sizes.items():  # measured well: 0.1 sigma
             design = np.eye(1, States.SIZE, index)
             now = update(now, np.array([size * sigmas[index]]), design, np.array([[0.01 * sigmas[index] ** 2]]))
-        return unverified_reasons(now, 5.0, 0.0, 0.05, KNOWN)
+        return unverified_reasons(now, 5.0, prior_tests(now, 0.0, KNOWN), 0.05, KNOWN)
 
     assert doubts({States.DRIFT: 0.0, States.DECK: 3.2}) == ()
     assert doubts({States.DRIFT: 0.0, States.DECK: 3.2, States.FOCAL: 3.2}) == (UNLIKELY,)
     assert doubts({}) == (YOUNG,), "the drift is not known"
-    assert unverified_reasons(replace(state, covariance=0.01 * state.covariance), 0.0, 0.0, 0.05, KNOWN) == (YOUNG,)
+    sure = replace(state, covariance=0.01 * state.covariance)
+    assert unverified_reasons(sure, 0.0, prior_tests(sure, 0.0, KNOWN), 0.05, KNOWN) == (YOUNG,)
 
 
 def test_a_stated_deck_height_that_lines_contradict_is_the_posterior_of_the_two():
@@ -176,10 +185,11 @@ def test_the_protection_level_is_that_of_noise_plus_the_worst_undetected_fault()
     covariance[States.DECK, States.DECK] = state.covariance[States.DECK, States.DECK]
     state = replace(state, covariance=covariance)
     pose = Pose(np.array([-100.0, 0.0, -10.0]), np.zeros(3), np.zeros(3))
-    level = protection_levels(state, pose, None, None, None, 1.0, KNOWN)
+    tests = prior_tests(state, 0.0, KNOWN)
+    level = protection_levels(state, pose, None, None, tests, None, 1.0, KNOWN)
     sigma, prior = np.hypot(0.3, KNOWN.sensors.position_white_m), state.covariance[States.DECK, States.DECK]
     assert level.vertical_m == pytest.approx(5.3267 * sigma + 0.02 / prior * KNOWN.integrity.max_deck_z_m, rel=1e-3)
-    rarer = protection_levels(state, pose, None, None, None, 1.0, replace(KNOWN, integrity=Integrity(risk=1e-3)))
+    rarer = protection_levels(state, pose, None, None, tests, None, 1.0, replace(KNOWN, integrity=Integrity(risk=1e-3)))
     assert level.vertical_m - rarer.vertical_m == pytest.approx((5.3267 - 3.2905) * sigma, rel=1e-3)
 
 
@@ -245,8 +255,9 @@ def test_no_yaw_is_bounded_while_the_drift_is_unknown_or_the_aircraft_slow():
     state = with_drift(CALM, 0.0, 0.1)
     assert undetected_yaw(state, 20.0, CALM) is None  # 12 degrees would not show
     assert undetected_yaw(state, -5.0, CALM) is None
-    assert unverified_reasons(state, 5.0, 0.0, None, CALM) == (UNBOUNDED_YAW,)
-    assert unverified_reasons(state, 5.0, 0.0, 0.1, CALM) == ()
+    tests = prior_tests(state, 0.0, CALM)
+    assert unverified_reasons(state, 5.0, tests, None, CALM) == (UNBOUNDED_YAW,)
+    assert unverified_reasons(state, 5.0, tests, 0.1, CALM) == ()
 
 
 def test_the_closing_speed_is_the_least_that_ship_and_pictures_allow():
@@ -344,7 +355,7 @@ def test_one_large_error_is_doubted_among_many_small_ones():
             error = size if index == States.FOCAL else 0.0
             noise = np.array([[1e-4 * sigmas[index] ** 2]])
             now = update(now, np.array([error * sigmas[index]]), np.eye(1, States.SIZE, index), noise)
-        assert (UNLIKELY in unverified_reasons(now, 5.0, 0.0, 0.05, KNOWN)) is doubted
+        assert (UNLIKELY in unverified_reasons(now, 5.0, prior_tests(now, 0.0, KNOWN), 0.05, KNOWN)) is doubted
         assert bias_flag(now, 0.0, KNOWN) is None
 
 

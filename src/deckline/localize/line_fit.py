@@ -1,6 +1,7 @@
 """Fitted lines with their noise sensitivities; two of them as a runway: consistency, centre line, ramp."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,22 +59,22 @@ class LineFit:
         """The line with its covariances, as an estimate holds it."""
         return RunwayLine(self.point_m, self.azimuth_rad, self.covariance, self.relative_covariance, self.errors)
 
-    @property
+    @cached_property
     def direction(self) -> Array:
         """(2,) unit vector along the line, world x and y."""
         return np.array([np.cos(self.azimuth_rad), np.sin(self.azimuth_rad)])
 
-    @property
+    @cached_property
     def right(self) -> Array:
         """(2,) unit vector to the right of the line, world x and y."""
         return np.array([-np.sin(self.azimuth_rad), np.cos(self.azimuth_rad)])
 
-    @property
+    @cached_property
     def covariance(self) -> Array:
         """(3, 3) of offset, azimuth and z in the world."""
         return self.own @ self.own.T + self.common @ self.common.T
 
-    @property
+    @cached_property
     def relative_covariance(self) -> Array:
         """(3, 3) of offset, azimuth and z relative to the aircraft."""
         return self.own @ self.own.T + self.relative @ self.relative.T

@@ -230,30 +230,33 @@ def _restricted_likelihood(lines: list[Array], correlations: Array) -> tuple[Arr
     Returns:
         (C,) sums of whitened squares; (C,) log determinants; degrees of freedom.
     """
-    squares, volume, degrees = np.zeros(len(correlations)), np.zeros(len(correlations)), 0
-    for residuals in lines:
-        count = len(residuals)
-        if count < MIN_POINTS:
-            continue
-        columns = np.array([np.ones(count), np.linspace(-1.0, 1.0, count), residuals])
-        (a, b, x), (_, c, y), (_, _, z) = _whitened_products(columns, correlations)
-        determinant = a * c - b**2
-        squares += z - (c * x**2 - 2 * b * x * y + a * y**2) / determinant
-        volume += (count - 1) * np.log(1 - correlations**2) + np.log(determinant)
-        degrees += count - 2
-    return squares, volume, degrees
+    lines = [residuals for residuals in lines if len(residuals) >= MIN_POINTS]
+    if not lines:
+        return np.zeros(len(correlations)), np.zeros(len(correlations)), 0
+    shared = 1 - correlations**2
+    parts = np.array([_lag_products(residuals) for residuals in lines])  # (L, 4, 3, 3)
+    first, later, lagged, earlier = parts.transpose(1, 2, 3, 0)[..., None]
+    # Whitened, numbers are x_1 and (x_i - r x_i-1) / sqrt(1 - r^2): their products are quadratic in r.
+    products = first + (later - correlations * lagged + correlations**2 * earlier) / shared  # (3, 3, L, C)
+    (a, b, x), (_, c, y), (_, _, z) = products
+    determinant = a * c - b**2
+    squares = z - (c * x**2 - 2 * b * x * y + a * y**2) / determinant
+    counts = np.array([len(residuals) for residuals in lines])
+    volume = np.log(determinant).sum(axis=0) + (counts - 1).sum() * np.log(shared)
+    return squares.sum(axis=0), volume, int((counts - 2).sum())
 
 
-def _whitened_products(rows: Array, correlations: Array) -> Array:
-    """Scalar products (k, k, C) of rows (k, N) without what each number has from the one before, for (C,) correlations.
+def _lag_products(residuals: Array) -> Array:
+    """Scalar products (3, 3) of a constant, a slope and residuals (N,).
 
-    Whitened, a row is x_1 and (x_i - r x_i-1) / sqrt(1 - r^2): its products are quadratic in r.
+    Returns:
+        (4, 3, 3) of the first numbers; of all others; of neighbours, both ways; of all but the last ones.
     """
+    count = len(residuals)
+    rows = np.array([np.ones(count), np.linspace(-1.0, 1.0, count), residuals])
     first, last = (np.outer(ends, ends) for ends in (rows[:, 0], rows[:, -1]))
     whole, lagged = rows @ rows.T, rows[:, 1:] @ rows[:, :-1].T
-    later, lagged, earlier = ((part[..., None]) for part in (whole - first, lagged + lagged.T, whole - last))
-    innovations = later - correlations * lagged + correlations**2 * earlier
-    return np.asarray(first[..., None] + innovations / (1 - correlations**2))
+    return np.array([first, whole - first, lagged + lagged.T, whole - last])
 
 
 def _dispersion(residuals: Array) -> float:

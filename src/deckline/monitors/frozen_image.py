@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
 from deckline.geometry import intersect_plane, rotation_matrix
-from deckline.types import Detection, Diagnostic, Diagnostics, Frame, Reason, RunwayEstimate
+from deckline.types import Detection, Diagnostic, Diagnostics, Frame, PixelLine, Reason, RunwayEstimate
 
 SAMPLE_PX = 37  # every so many rows and columns of the picture are compared
 MIN_TURN_RAD, MIN_MOVE_M = 1e-3, 0.1  # of the camera, which every picture shows
@@ -61,16 +61,21 @@ class FrozenImageMonitor:
         if before is None or pose is None or self._estimate is None:
             return False
         sides = set(self._estimate.pixel_lines) & set(estimate.pixel_lines) & set(self._estimate.lines)
-        expected_px, actual_px = 0.0, 0.0
-        for side in sides:
-            line = self._estimate.pixel_lines[side]
-            rays = frame.camera.rays(line.ends_px) @ rotation_matrix(before).T
-            on_deck = intersect_plane(before.translation, rays, self._estimate.lines[side].height_m)
-            optical = pose.inv().apply(np.where(np.isfinite(on_deck), on_deck, pose.translation))
-            a, b, c = line.coefficients
-            expected = frame.camera.project(optical) @ [a, b] + c
-            a, b, c = estimate.pixel_lines[side].coefficients
-            if np.isfinite(expected).any():
-                expected_px = max(expected_px, float(np.nanmax(np.abs(expected))))
-            actual_px = max(actual_px, float(np.max(np.abs(line.ends_px @ [a, b] + c))))
-        return expected_px > MIN_EXPECTED_MOTION_PX and actual_px < MAX_REST_SHARE * expected_px
+        if not sides:
+            return False
+        old, new = ([lines[side] for side in sides] for lines in (self._estimate.pixel_lines, estimate.pixel_lines))
+        ends_px = np.concatenate([line.ends_px for line in old])
+        heights_m = np.repeat([self._estimate.lines[side].height_m for side in sides], 2)
+        rays = frame.camera.rays(ends_px) @ rotation_matrix(before).T
+        on_deck = intersect_plane(before.translation, rays, heights_m)
+        optical = np.where(np.isfinite(on_deck), on_deck - pose.translation, 0.0) @ rotation_matrix(pose)
+        expected_px = _distances(frame.camera.project(optical), old)
+        actual_px = _distances(ends_px, new)
+        expected_px = expected_px[np.isfinite(expected_px)].max(initial=0.0)
+        return bool(expected_px > MIN_EXPECTED_MOTION_PX and actual_px.max() < MAX_REST_SHARE * expected_px)
+
+
+def _distances(ends_px: NDArray[np.float64], lines: list[PixelLine]) -> NDArray[np.float64]:
+    """How far (2 L,) both ends (2 L, 2) of every line lie from another line."""
+    normals = np.repeat([line.coefficients for line in lines], 2, axis=0)
+    return np.asarray(np.abs((ends_px * normals[:, :2]).sum(axis=1) + normals[:, 2]))

@@ -10,7 +10,7 @@ from deckline.probability import two_sided_quantile
 from deckline.track.extent import Extent, advance_extent
 from deckline.track.filter import predict, track_lines, track_rates
 from deckline.track.motion import Aircraft, Pose, predict_aircraft
-from deckline.track.prior_tests import unverified_reasons
+from deckline.track.prior_tests import prior_tests, unverified_reasons
 from deckline.track.protection import least_closing_speed, protection_levels, undetected_yaw
 from deckline.track.states import FilterState
 from deckline.types import RunwayLine, Scale, Track, TrackState
@@ -54,18 +54,21 @@ def describe_track(memory: TrackMemory, pose: Pose | None, config: RunConfig) ->
         state, memory.aircraft, pose, None if ramp is None else ramp.speed, at_m, config
     )
     yaw_rad = None if pose is None else undetected_yaw(state, least_closing_speed(state, pose, closing, config), config)
+    tests = prior_tests(state, near_m, config)
     return Track(
         state.time_s,
         TrackState.COASTING,
         {side: _scale_sigmas(line, far) for side, line in track_lines(state, pose, at_m, config).items()},
-        protection=None if pose is None else protection_levels(state, pose, touchdown, ramp, yaw_rad, far, config),
+        protection=None
+        if pose is None
+        else protection_levels(state, pose, touchdown, ramp, tests, yaw_rad, far, config),
         ramp_m=None if ramp is None else ramp.near_m,
         ramp_sigma_m=None if ramp is None else far * ramp.sigma_m,
         lateral_rate_m_s=lateral,
         height_rate_m_s=height,
         closing_m_s=closing,
         age_s=state.time_s - memory.start_s,
-        doubts=unverified_reasons(state, state.time_s - memory.start_s, near_m, yaw_rad, config),
+        doubts=unverified_reasons(state, state.time_s - memory.start_s, tests, yaw_rad, config),
         scale_sources=() if config.deck.width_m is None else (Scale.WIDTH,),
     )
 

@@ -1,5 +1,6 @@
 """Motion between frames: the aircraft's velocity from its poses, and the deck as damped oscillations."""
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -61,15 +62,20 @@ def start_aircraft(frame: Frame, sigma_m: float) -> Aircraft | None:
 def predict_aircraft(aircraft: Aircraft, time_s: float) -> Aircraft:
     """The aircraft at a later time without another pose: its velocity and turn rate stay."""
     dt = time_s - aircraft.time_s
-    transition = np.array([[1.0, dt], [0.0, 1.0]])
-    process = ACCELERATION_M_S15**2 * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
     return replace(
         aircraft,
         time_s=time_s,
         position_m=aircraft.position_m + dt * aircraft.velocity_m_s,
-        covariance=transition @ aircraft.covariance @ transition.T + process,
+        covariance=_predict_covariance(aircraft, dt),
         attitude=Rotation.from_rotvec(dt * aircraft.turn_rate_rad_s) * aircraft.attitude,
     )
+
+
+def _predict_covariance(aircraft: Aircraft, dt: float) -> Array:
+    """Covariance (2, 2) of one axis after a time, s."""
+    transition = np.array([[1.0, dt], [0.0, 1.0]])
+    process = ACCELERATION_M_S15**2 * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
+    return np.asarray(transition @ aircraft.covariance @ transition.T + process)
 
 
 def advance_aircraft(aircraft: Aircraft, frame: Frame, sigma_m: float) -> tuple[Aircraft | None, float]:
@@ -83,22 +89,22 @@ def advance_aircraft(aircraft: Aircraft, frame: Frame, sigma_m: float) -> tuple[
     if pose is None:
         return None, 0.0
     dt = frame.time_s - aircraft.time_s
-    predicted = predict_aircraft(aircraft, frame.time_s)
-    covariance, innovation = predicted.covariance, pose.translation - predicted.position_m
+    predicted_m, covariance = aircraft.position_m + dt * aircraft.velocity_m_s, _predict_covariance(aircraft, dt)
+    attitude, innovation = pose.rotation, pose.translation - predicted_m
     variance = covariance[0, 0] + sigma_m**2
     jump = float(np.linalg.norm(innovation))
     if jump > JUMP_M + JUMP_SIGMA * np.sqrt(variance):
         return start_aircraft(frame, sigma_m), jump
     gain = covariance[:, 0] / variance
     rest = np.eye(2) - np.outer(gain, [1.0, 0.0])
-    turn_rate = (pose.rotation * aircraft.attitude.inv()).as_rotvec() / dt
+    turn_rate = (attitude * aircraft.attitude.inv()).as_rotvec() / dt
     share = 1.0 - np.exp(-dt / TURN_RATE_WINDOW_S)
     return Aircraft(
         frame.time_s,
-        predicted.position_m + gain[0] * innovation,
+        predicted_m + gain[0] * innovation,
         aircraft.velocity_m_s + gain[1] * innovation,
         rest @ covariance @ rest.T + sigma_m**2 * np.outer(gain, gain),
-        pose.rotation,
+        attitude,
         aircraft.turn_rate_rad_s + share * (turn_rate - aircraft.turn_rate_rad_s),
     ), 0.0
 
@@ -109,10 +115,10 @@ def oscillate(dt_s: float, period_s: float) -> tuple[Array, Array]:
     With the noise, deflection and rate have their stationary covariance.
     """
     omega = 2 * np.pi / period_s
-    decay, frequency = DAMPING * omega, omega * np.sqrt(1 - DAMPING**2)
-    cos, sin = np.cos(frequency * dt_s), np.sin(frequency * dt_s) / frequency
+    decay, frequency = DAMPING * omega, omega * math.sqrt(1 - DAMPING**2)
+    cos, sin = math.cos(frequency * dt_s), math.sin(frequency * dt_s) / frequency
     shape = np.array([[cos + decay * sin, sin], [-(omega**2) * sin, cos - decay * sin]])
-    transition = np.exp(-decay * dt_s) * shape
+    transition = math.exp(-decay * dt_s) * shape
     covariance = stationary_covariance(period_s)
     return transition, covariance - transition @ covariance @ transition.T
 

@@ -5,7 +5,6 @@ for example, lines drift apart as the aircraft descends. An estimate farther fro
 fault.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -99,29 +98,31 @@ def drift_flag(state: FilterState, config: RunConfig) -> Diagnostic | None:
 
 
 @dataclass(frozen=True, eq=False)
-class PriorTest:
-    """A state's estimate against what was stated of it."""
+class PriorTests:
+    """Estimates of K states against what was stated of them."""
 
-    index: int  # of the state
-    row: Array  # (20,) that gives the estimate
-    bias: float  # estimated minus stated
-    sigma: float  # of that, if what was stated is true
+    indices: NDArray[np.int64]  # (K,) of the states
+    rows: Array  # (K, 20) that give the estimates
+    biases: Array  # (K,) estimated minus stated
+    sigmas: Array  # (K,) of these, if what was stated is true
 
 
-def prior_tests(state: FilterState, near_m: float, config: RunConfig) -> Iterator[PriorTest]:
+def prior_tests(state: FilterState, near_m: float, config: RunConfig) -> PriorTests:
     """The tests of all states that frames have observed well enough.
 
     Args:
         near_m: where the runway begins, m along the line from the state's point: there it has its stated spacing.
     """
-    for index, (expected, variance) in stated_priors(config).items():
-        row, place = np.eye(States.SIZE)[index], 0.0
-        if index == States.SPACING:
-            row = spacing_row(near_m)
-            place = config.deck.angle_sigma_rad * RAMP_SIGMA_M  # what is stated holds where the runway truly begins
-        observed = variance - float(row @ state.covariance @ row)
-        if observed > OBSERVED_SHARE * variance:
-            yield PriorTest(index, row, float(row @ state.mean - expected), float(np.sqrt(observed + place**2)))
+    priors = stated_priors(config)
+    indices, (expected, variances) = np.array(list(priors)), np.array(list(priors.values())).T
+    rows = np.eye(States.SIZE)[indices]
+    is_spacing = indices == States.SPACING
+    rows[is_spacing] = spacing_row(near_m)
+    place = is_spacing * config.deck.angle_sigma_rad * RAMP_SIGMA_M  # stated where the runway truly begins
+    observed = variances - np.einsum("ki,ij,kj->k", rows, state.covariance, rows)
+    biases = rows @ state.mean - expected
+    known = observed > OBSERVED_SHARE * variances
+    return PriorTests(indices[known], rows[known], biases[known], np.sqrt(observed[known] + place[known] ** 2))
 
 
 def bias_flag(state: FilterState, near_m: float, config: RunConfig, camera_m: Array | None = None) -> Diagnostic | None:
@@ -131,17 +132,19 @@ def bias_flag(state: FilterState, near_m: float, config: RunConfig, camera_m: Ar
         near_m: as in `prior_tests`.
         camera_m: (3,) world, for the message; None: not known.
     """
-    tests = list(prior_tests(state, near_m, config))
-    worst = max(tests, key=lambda test: abs(test.bias) / test.sigma, default=None)
-    if worst is None or abs(worst.bias) / worst.sigma <= config.integrity.alarm_sigma:
+    tests = prior_tests(state, near_m, config)
+    errors = np.abs(tests.biases / tests.sigmas)
+    if not len(errors) or errors.max() <= config.integrity.alarm_sigma:
         return None
-    if worst.index in (States.HEAVE, States.SPACING) and config.deck.width_m is not None and camera_m is not None:
+    worst = int(errors.argmax())
+    index, bias = int(tests.indices[worst]), float(tests.biases[worst])
+    if index in (States.HEAVE, States.SPACING) and config.deck.width_m is not None and camera_m is not None:
         return spacing_contradiction(_spacing_by_height(state, near_m, camera_m), config.deck.width_m)
-    if worst.index == States.DECK:
+    if index == States.DECK:
         by_lines, stated = state.point_m[2], state.point_m[2] + state.mean[States.DECK]
         return Diagnostic(Reason.HEIGHT, f"the deck is at z {by_lines:.1f} m by the lines; {stated:.1f} m is stated")
-    reason, unit, message = MESSAGES[worst.index]
-    return Diagnostic(reason, message.format(SCALES[unit] * worst.bias))
+    reason, unit, message = MESSAGES[index]
+    return Diagnostic(reason, message.format(SCALES[unit] * bias))
 
 
 def _spacing_by_height(state: FilterState, near_m: float, camera_m: Array) -> float:
@@ -151,7 +154,7 @@ def _spacing_by_height(state: FilterState, near_m: float, camera_m: Array) -> fl
 
 
 def unverified_reasons(
-    state: FilterState, age_s: float, near_m: float, yaw_rad: float | None, config: RunConfig
+    state: FilterState, age_s: float, tests: PriorTests, yaw_rad: float | None, config: RunConfig
 ) -> Diagnostics:
     """Why a track that no test flags is not verified.
 
@@ -160,11 +163,11 @@ def unverified_reasons(
     flights is doubted by a risk of one in 1,000. Source: Teunissen, "Distributional theory for the DIA method", 2018.
 
     Args:
-        near_m: as in `prior_tests`.
+        tests: by `prior_tests`.
         yaw_rad: by `undetected_yaw`.
     """
     young = age_s < config.integrity.persist_s or not is_drift_known(state, config)
-    errors = np.array([test.bias / test.sigma for test in prior_tests(state, near_m, config)])
+    errors = tests.biases / tests.sigmas
     unlikely = bool(len(errors)) and _joint_significance(errors) < config.integrity.doubt_risk
     is_unbounded = yaw_rad is None and not young
     return tuple(

@@ -13,7 +13,7 @@ from deckline.probability import two_sided_quantile
 from deckline.track.extent import Extent
 from deckline.track.filter import delay_effect, line_rows
 from deckline.track.motion import Pose
-from deckline.track.prior_tests import drift_share, is_drift_known, prior_tests, spacing_row
+from deckline.track.prior_tests import PriorTests, drift_share, is_drift_known, spacing_row
 from deckline.track.states import FAULTS, FilterState, States, drift_sigma, error_sigmas, width_sigma_m
 from deckline.types import Protection, Value
 
@@ -88,6 +88,7 @@ def protection_levels(
     pose: Pose,
     touchdown_m: float | None,
     ramp: Extent | None,
+    tests: PriorTests,
     yaw_rad: float | None,
     far: float,
     config: RunConfig,
@@ -101,6 +102,7 @@ def protection_levels(
     Args:
         touchdown_m: touchdown point, m along the line from the state's point; None: not known, the point itself.
         ramp: None: not known.
+        tests: by `prior_tests`.
         yaw_rad: by `undetected_yaw`.
         far: times by which 1-sigmas of place and direction are too small from so far away.
     """
@@ -108,7 +110,7 @@ def protection_levels(
     delay, sensors = delay_effect(state, pose, 0.0), config.sensors
     near_m = 0.0 if touchdown_m is None else touchdown_m - config.approach.touchdown_m
     gains, quantile = fault_gains(state, near_m, config), two_sided_quantile(config.integrity.risk)
-    faults = _undetected_faults(state, near_m, gains, config)
+    faults = _undetected_faults(tests, gains, config)
 
     def bound(row: Array, white: float, times: float) -> tuple[float, float]:
         """Of the filter's own error, and of one undetected fault."""
@@ -130,7 +132,7 @@ def protection_levels(
     )
 
 
-def _undetected_faults(state: FilterState, near_m: float, gains: Array, config: RunConfig) -> Array:
+def _undetected_faults(tests: PriorTests, gains: Array, config: RunConfig) -> Array:
     """The largest size (9,) of each possible fault that may stay undetected by any test, in its own unit.
 
     An error of size m moves another state's estimate by P_xb / P_bb(0) m, and its own by 1 - P_bb / P_bb(0).
@@ -140,9 +142,8 @@ def _undetected_faults(state: FilterState, near_m: float, gains: Array, config: 
     largest = [boresight, boresight, test.max_deck_z_m, test.max_depth_scale, test.max_focal_fraction]
     width = 0.0 if config.deck.width_m is None else test.max_width_fraction * config.deck.width_m
     undetected = np.array([*largest, test.max_delay_s, test.max_line_m, test.max_line_m, width])
-    for one in prior_tests(state, near_m, config):
-        own = np.append(np.eye(States.SIZE)[one.index, States.SHARED_ERRORS], float(one.index == States.SPACING))
-        response = one.row @ gains - own
-        surely = (test.alarm_sigma + test.missed_sigma) * one.sigma
-        undetected = np.minimum(undetected, surely / np.maximum(np.abs(response), 1e-12))
-    return undetected
+    estimated = np.zeros((States.SIZE, FAULTS))  # which state estimates which fault itself
+    estimated[States.SHARED_ERRORS, :-1], estimated[States.SPACING, -1] = np.eye(FAULTS - 1), 1.0
+    responses = np.abs(tests.rows @ gains - estimated[tests.indices])
+    surely = (test.alarm_sigma + test.missed_sigma) * tests.sigmas
+    return np.minimum(undetected, (surely[:, None] / np.maximum(responses, 1e-12)).min(axis=0, initial=np.inf))

@@ -6,6 +6,7 @@ line and aircraft together, and their relative position stays right.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,12 +83,14 @@ class FilterState:
     mean: Array  # (20,)
     covariance: Array  # (20, 20)
 
-    @property
+    @cached_property
     def along(self) -> Array:
+        """(3,) unit vector along the line."""
         return np.array([np.cos(self.azimuth_rad), np.sin(self.azimuth_rad), 0.0])
 
-    @property
+    @cached_property
     def right(self) -> Array:
+        """(3,) unit vector to the right of the line."""
         return np.array([-np.sin(self.azimuth_rad), np.cos(self.azimuth_rad), 0.0])
 
     @property
