@@ -97,6 +97,14 @@ def test_a_file_starts_from_a_grade_and_options_override_it(tmp_path):
         RunOptions(config=path).run_config()
 
 
+def test_a_grade_changes_position_and_attitude_alone(tmp_path):
+    path = tmp_path / "calibration.toml"
+    path.write_text("[sensors]\nfocal_fraction = 0.004\ndelay_s = 0.05\n")
+    sensors = RunOptions(config=path, grade="good").run_config().sensors
+    assert sensors == replace(GRADES["good"], focal_fraction=0.004, delay_s=0.05)
+    assert RunOptions(config=path, grade="exact").run_config().sensors == GRADES["exact"]
+
+
 def test_a_stated_accuracy_keeps_its_share_of_white_noise():
     sensors = RunOptions(position_sigma_m=1.0, attitude_sigma_deg=0.5).run_config().sensors
     assert (sensors.position_m, sensors.position_white_m) == (1.0, pytest.approx(0.5))

@@ -106,6 +106,15 @@ GRADES: dict[Grade, Sensors] = {
 }
 
 
+def with_grade(sensors: Sensors, grade: Grade) -> Sensors:
+    """The same with a grade's position and attitude; `exact` knows everything exactly but the lines."""
+    known = GRADES[grade]
+    if grade == "exact":
+        return replace(known, line_bias_m=sensors.line_bias_m)
+    names = ("position_m", "position_white_m", "attitude_deg", "attitude_white_deg")
+    return replace(sensors, **{name: getattr(known, name) for name in names})
+
+
 @dataclass(frozen=True)
 class Deck:
     """What is known of the deck and its lines.

@@ -245,6 +245,33 @@ def camera_mount(translation_m: ArrayLike = (0.0, 0.0, 0.0), mount: Rotation | N
     return RigidTransform.from_components(np.asarray(translation_m, dtype=np.float64), rotation)
 
 
+def undistort(points_px: NDArray[np.float64], camera: Camera) -> NDArray[np.float64]:
+    """Pixels (N, 2) as the same camera without lens distortion would see them, (N, 2)."""
+    if not camera.has_distortion:
+        return points_px
+    return (camera.rays(points_px) @ camera.matrix.T)[:, :2]
+
+
+def distort(xy: NDArray[np.float64], camera: Camera) -> NDArray[np.float64]:
+    """Pixels (N, 2) of the same camera without lens distortion as the real one sees them, (N, 2)."""
+    if not camera.has_distortion:
+        return xy
+    rays = np.column_stack([xy, np.ones(len(xy))]) @ np.linalg.inv(camera.matrix).T
+    return camera.project(rays)
+
+
+def rectify(image_rgb: NDArray[np.uint8], camera: Camera) -> NDArray[np.uint8]:
+    """A picture (H, W, 3) as the same camera without lens distortion sees it; beyond its border the border repeats."""
+    import cv2
+
+    if not camera.has_distortion:
+        return image_rgb
+    maps = cv2.fisheye.initUndistortRectifyMap if camera.fisheye else cv2.initUndistortRectifyMap
+    size, coefficients = (image_rgb.shape[1], image_rgb.shape[0]), np.array(camera.distortion)
+    columns, rows = maps(camera.matrix, coefficients, np.eye(3), camera.matrix, size, cv2.CV_32FC1)
+    return np.asarray(cv2.remap(image_rgb, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+
+
 def intersect_plane(origin_m: ArrayLike, directions: ArrayLike, plane_z_m: ArrayLike) -> NDArray[np.float64]:
     """Where rays from one origin (3,) along directions (N, 3) meet the horizontal plane z = plane_z_m, one or (N,).
 

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from deckline.config import GRADES, Device, Grade, Mode, Picture, Precision, RunConfig, Sensors
+from deckline.config import GRADES, Device, Grade, Mode, Picture, Precision, RunConfig, Sensors, with_grade
 from deckline.config_file import config_from_table, read_toml
 
 
@@ -122,7 +122,7 @@ class RunOptions:
         if self.config is not None:
             config = read_run_config(self.config, config)
         if self.grade is not None:
-            config = replace(config, sensors=GRADES[self.grade])
+            config = replace(config, sensors=with_grade(config.sensors, self.grade))
         flags = {"enabled": False} if self.no_track else {}
         sections: dict[str, dict[str, Any]] = {"tracking": flags | ({"search_s": 0.0} if self.thorough else {})}
         for option, (section, name) in TARGETS.items():
@@ -150,7 +150,7 @@ def read_run_config(path: Path, base: RunConfig | None = None) -> RunConfig:
         grade = sensors.pop("grade")
         if grade not in GRADES:
             raise ValueError(f"{path}: sensors.grade must be one of {', '.join(GRADES)}, got {grade!r}")
-        config = replace(config, sensors=GRADES[grade])
+        config = replace(config, sensors=with_grade(config.sensors, grade))
     return config_from_table(RunConfig, table, config, str(path))
 
 

@@ -59,12 +59,14 @@ class Autopilot:
         port: of the link.
         firmware: its name.
         lost: share of datagrams that are lost either way; as many are swapped with the next one.
+        slow: positions at 4 Hz until it is asked for more after its first 1.2 s.
     """
 
-    def __init__(self, port, firmware, system=7, lost=0.0, seed=0):
+    def __init__(self, port, firmware, system=7, lost=0.0, seed=0, slow=False):
         self.firmware, self.system = firmware, system
         self.receiver = {"px4": Px4, "ardupilot": ArduPilot}[firmware]()
         self.texts, self.heartbeats, self.beacons, self.commands, self.answers = [], [], [], [], 0
+        self.slow, self._start_s = slow, time.monotonic()
         self._lost, self._rng, self._held = lost, np.random.default_rng(seed), None
         self._address, self._stopped = ("127.0.0.1", port), threading.Event()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -100,7 +102,7 @@ class Autopilot:
             if ticks % 25 == 0:
                 self._mav.heartbeat_send(mavlink.MAV_TYPE_FIXED_WING, FIRMWARES[self.firmware], 0, 0, 4)
                 self._mav.gps_global_origin_send(480000000, 110000000, 0)
-            self._send_pose()
+            self._send_pose(with_position=not self.slow or ticks % 12 == 0)
             if ticks % 5 == 0:
                 self._mav.timesync_send(0, round(1e9 * boot_time_s()))
             ticks, end_s = ticks + 1, time.monotonic() + 0.02
@@ -113,11 +115,12 @@ class Autopilot:
                     for message in parser.parse_buffer(data) or []:
                         self._take(message)
 
-    def _send_pose(self):
+    def _send_pose(self, with_position):
         at, time_ms = frame(0, 120.0).world_from_body, round(1e3 * boot_time_s())
         w, x, y, z = at.rotation.as_quat(scalar_first=True)
         self._mav.attitude_quaternion_send(time_ms, w, x, y, z, 0, 0, 0)
-        self._mav.local_position_ned_send(time_ms + 3, *at.translation, 0, 0, 0)
+        if with_position:
+            self._mav.local_position_ned_send(time_ms + 3, *at.translation, 0, 0, 0)
 
     def _take(self, message):
         kind = message.get_type()
@@ -135,5 +138,7 @@ class Autopilot:
             self.beacons.append(message)
         elif kind == "COMMAND_LONG":
             self.commands.append((int(message.param1), message.param2))
+            if message.param1 == mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED and time.monotonic() > self._start_s + 1.2:
+                self.slow = False
         elif kind == "LANDING_TARGET":
             self.receiver.take(message)

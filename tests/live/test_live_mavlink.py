@@ -164,6 +164,12 @@ def test_poses_come_in_by_the_autopilots_clock_over_a_wire_that_loses_and_swaps(
         assert autopilot.commands  # it was asked for what had not come yet
 
 
+def test_a_message_that_comes_too_slowly_is_asked_for_again():
+    with linked(slow=True) as (_, autopilot, _):
+        wait_until(lambda: not autopilot.slow)
+        assert (mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, 20_000) in autopilot.commands
+
+
 def test_a_companions_heartbeat_and_the_ships_beacon_at_the_autopilots_origin():
     with linked("ardupilot") as (link, autopilot, lines):
         wait_until(lambda: lines)

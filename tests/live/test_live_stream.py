@@ -173,4 +173,5 @@ def test_two_programs_cannot_take_one_stream():
 
 def test_credentials_are_no_part_of_a_name():
     assert hide_credentials("rtsp://me:pa@ss@10.0.0.2:554/cam?x=1") == "rtsp://10.0.0.2:554/cam?x=1"
+    assert hide_credentials("rtsp://h/cam?user=me&Password=pa&x=1") == "rtsp://h/cam?user=...&Password=...&x=1"
     assert open_camera("rtsp://me:secret@10.0.0.2/cam", None, WallClock()).name == "rtsp://10.0.0.2/cam"

@@ -3,7 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deckline.localize.ransac import fit_pixel_line, least_squares_line, undistort
+from deckline.geometry import undistort
+from deckline.localize.ransac import fit_pixel_line, least_squares_line
 from deckline.types import LinePoints
 from runway_scene import CAMERA, LEFT, LENS, approach, line_points
 

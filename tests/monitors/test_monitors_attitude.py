@@ -13,6 +13,7 @@ from deckline.flight import Flight
 from deckline.geometry import attitude
 from deckline.monitors.attitude import AttitudeMonitor, expect_horizon
 from deckline.types import Detection, LinePoints, Reason
+from monitors.lenses import LENSES, through_lens
 from track.steady_view import NOTHING, numbers_in, reasons
 
 EMPTY = Detection(LinePoints.empty(), LinePoints.empty())
@@ -113,8 +114,15 @@ def test_what_shows_no_horizon_changes_nothing(monitor):
     for one in (grey, replace(grey, world_from_body=None), at_sea(0, 30.0), at_sea(0, pitch_deg=40.0)):
         monitor.reset()
         assert not any(flags(monitor, [replace(one, time_s=0.5 * k) for k in range(4)])[0])
-    bent = replace(at_sea(0, pose_roll_deg=-6.0), camera=replace(CAMERA, distortion=(0.1, 0, 0, 0, 0)))
-    assert expect_horizon(bent) is None
+
+
+@pytest.mark.parametrize("lens", LENSES)
+def test_a_distorted_picture_is_checked_without_its_distortion(monitor, lens):
+    """Rolled by 6 degrees against the pose, or as the pose says."""
+    for pose_roll_deg, is_wrong in ((-6.0, True), (0.0, False)):
+        monitor.reset()
+        shown = [through_lens(at_sea(k, pose_roll_deg=pose_roll_deg), lens) for k in range(6)]
+        assert flags(monitor, shown)[0][-1] is is_wrong
 
 
 def test_given_points_and_a_rate_of_zero_search_no_horizon(monitor):

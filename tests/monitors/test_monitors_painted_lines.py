@@ -9,7 +9,7 @@ from approach_scene import STILL
 from deckline.config import Tracking
 from deckline.dehaze.base import IdentityDehazer
 from deckline.flight import Flight
-from deckline.geometry import Camera
+from deckline.geometry import Camera, distort
 from deckline.monitors.painted_lines import PaintMonitor, find_paint
 from deckline.types import (
     DepthMode,
@@ -23,6 +23,7 @@ from deckline.types import (
     RunwayEstimate,
 )
 from detect.drawn_deck import BOTTOM, TOP, at, deck
+from monitors.lenses import LENSES, through_lens
 from track.steady_view import reasons
 
 EDGES = [0.0, 1.0]
@@ -152,16 +153,29 @@ def test_rare_contradictions_between_pictures_without_paint_are_not_flagged():
     assert not any(flags(views))
 
 
-def test_painted_lines_are_checked_at_the_rate_in_pictures_without_distortion():
+def test_painted_lines_are_checked_at_the_rate():
     wrong = [shown(k, EDGES, left=0.15, step_s=0.1) for k in range(16)]
     seen = flags(wrong)
     assert seen.index(True) == 10  # the third check
     assert not any(flags(wrong, every_s=0.0))
     assert flags(wrong, edge=EdgeKind.PAINT)[-1]
     assert not any(flags(wrong, edge=EdgeKind.LIGHTS))
-    bent = replace(wrong[0][0].camera, distortion=(0.1, 0, 0, 0, 0))
-    assert not any(flags([(replace(frame, camera=bent), estimate) for frame, estimate in wrong]))
     assert not any(flags([(frame, replace(estimate, pixel_lines={})) for frame, estimate in wrong]))
+
+
+@pytest.mark.parametrize("lens", LENSES)
+def test_a_distorted_picture_is_checked_without_its_distortion(lens):
+    for left, is_wrong in ((0.15, True), (0.0, False)):
+        views = []
+        for k in range(8):
+            frame, estimate = shown(k, EDGES, left=left)
+            bent = through_lens(frame, lens)
+            lines = {
+                side: replace(line, ends_px=distort(line.ends_px, bent.camera))
+                for side, line in estimate.pixel_lines.items()
+            }
+            views.append((bent, replace(estimate, pixel_lines=lines)))
+        assert flags(views)[-1] is is_wrong
 
 
 def test_another_flight_begins_without_a_flag():

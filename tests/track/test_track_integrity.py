@@ -378,3 +378,16 @@ def test_the_level_of_the_heading_holds_a_turned_camera(turn_deg):
         assert level is None or abs(heading) < level
         bounded += level is not None
     assert bounded > 5
+
+
+@pytest.mark.parametrize(
+    ("stated", "assumed", "is_doubted"), [(0.004, 0.001, True), (0.004, 0.004, False), (None, 0.001, False)]
+)
+def test_a_focal_length_less_certain_than_the_levels_assume_is_a_doubt(stated, assumed, is_doubted):
+    config = replace(KNOWN, sensors=replace(KNOWN.sensors, focal_fraction=assumed))
+    tracker = Tracker(config)
+    for frame, estimate, _ in approach(Flight(rate_hz=4.0)):
+        frame = replace(frame, camera=replace(frame.camera, focal_sigma=stated))
+        track = advance(tracker, frame, estimate)
+    reasons = {doubt.reason for doubt in track.doubts}
+    assert (Reason.ASSUMED_CAMERA in reasons) is is_doubted

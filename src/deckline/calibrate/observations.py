@@ -11,8 +11,8 @@ from scipy.spatial.transform import RigidTransform, Rotation, RotationSpline
 from deckline.dehaze.horizon import Horizon, find_horizon
 from deckline.dehaze.sea_view import EARTH_RADIUS_M
 from deckline.flight import Flight
-from deckline.geometry import Camera
-from deckline.localize.ransac import distort, fit_pixel_line, undistort
+from deckline.geometry import Camera, distort, undistort
+from deckline.localize.ransac import fit_pixel_line
 from deckline.localize.solver import CORRELATION, CORRELATION_SIGMA, noise_inflation
 from deckline.recording import Recording
 from deckline.recording.scene_file import get_heights

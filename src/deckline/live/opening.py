@@ -1,5 +1,6 @@
 """From an address to a camera."""
 
+import re
 from collections.abc import Callable, Iterator
 from functools import partial
 from urllib.parse import parse_qsl, urlsplit
@@ -13,6 +14,7 @@ from deckline.live.source import Log, Pinhole, StreamCamera
 from deckline.recording import RecordingError
 from deckline.recording.camera_file import MountedCamera
 
+SECRET = re.compile(r"(?i)((?:user|pass|pwd|token|key)[^=&]*=)[^&]*")  # in a query
 OPEN_S = 5.0  # for a source to begin
 LOW_DELAY = {"fflags": "nobuffer", "flags": "low_delay", "probesize": "500000", "analyzeduration": "500000"}
 RTSP = {"protocol_whitelist": "rtsp,rtp,udp,tcp,tls", "rtsp_transport": "tcp"}  # no way to local files
@@ -98,9 +100,9 @@ def is_camera(address: str) -> bool:
 
 
 def hide_credentials(address: str) -> str:
-    """An address without user name and password."""
+    """An address without user name and password, before the host or in its query."""
     parts = urlsplit(address)
-    return parts._replace(netloc=parts.netloc.rpartition("@")[2]).geturl()
+    return SECRET.sub(r"\1...", parts._replace(netloc=parts.netloc.rpartition("@")[2]).geturl())
 
 
 def _decode(address: str, kind: str, options: dict[str, str]) -> Callable[[], Iterator[Picture]]:

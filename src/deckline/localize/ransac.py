@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.geometry import Camera
+from deckline.geometry import Camera, distort, undistort
 from deckline.types import LinePoints, PixelLine
 
 Array = NDArray[np.float64]
@@ -27,13 +27,6 @@ class WeightedPoints:
     xy: Array  # (N, 2)
     weights: Array  # (N,)
     limits: Array  # (N,) largest distance of an inlier
-
-
-def undistort(points_px: Array, camera: Camera) -> Array:
-    """Pixels (N, 2) as the same camera without lens distortion would see them, (N, 2)."""
-    if not camera.has_distortion:
-        return points_px
-    return (camera.rays(points_px) @ camera.matrix.T)[:, :2]
 
 
 def fit_pixel_line(points: LinePoints, camera: Camera, rng: np.random.Generator) -> PixelLine | None:
@@ -151,11 +144,3 @@ def _residual_sigma(data: WeightedPoints, inside: NDArray[np.bool_], line: Array
     """Weighted root mean square distance of the inliers, with two degrees of freedom less than inliers."""
     w, distance = data.weights[inside], _distances(data.xy[inside], line)
     return float(np.sqrt(w @ distance**2 / w.sum() * len(w) / max(len(w) - 2, 1)))
-
-
-def distort(xy: Array, camera: Camera) -> Array:
-    """Pixels (N, 2) of the same camera without lens distortion as the real one sees them, (N, 2)."""
-    if not camera.has_distortion:
-        return xy
-    rays = np.column_stack([xy, np.ones(len(xy))]) @ np.linalg.inv(camera.matrix).T
-    return camera.project(rays)

@@ -12,7 +12,7 @@ import numpy as np
 from deckline.dehaze.horizon import Horizon, NoHorizon
 from deckline.dehaze.horizon_search import HorizonSearch
 from deckline.dehaze.sea_view import EARTH_RADIUS_M
-from deckline.geometry import Camera, rotation_matrix
+from deckline.geometry import Camera, rectify, rotation_matrix
 from deckline.types import Detection, Diagnostic, Diagnostics, Frame, Reason, RunwayEstimate
 
 OFF_DEG = 1.0  # tolerance of attitude and lens
@@ -67,7 +67,7 @@ class AttitudeMonitor:
             self._compare(*self._searched, found)
         if self._search.is_due(frame.time_s) and (expected := expect_horizon(frame)) is not None:
             self._searched = frame.camera, expected
-            self._search.start(frame.time_s, frame.image_rgb)
+            self._search.start(frame.time_s, rectify(frame.image_rgb, frame.camera))
         return self._flags
 
     def _compare(self, camera: Camera, expected: ExpectedHorizon, seen: Horizon | NoHorizon) -> None:
@@ -92,12 +92,12 @@ class AttitudeMonitor:
 
 
 def expect_horizon(frame: Frame) -> ExpectedHorizon | None:
-    """Where the attitude puts a level horizon in the image.
+    """Where the attitude puts a level horizon in the image without lens distortion.
 
-    None without pose or camera, with distortion, in a steep roll, or where the horizon is outside of the image.
+    None without pose or camera, in a steep roll, or where the horizon is outside of the image.
     """
     pose, camera = frame.world_from_camera, frame.camera
-    if frame.missing is not None or pose is None or camera.has_distortion:
+    if frame.missing is not None or pose is None:
         return None
     down = rotation_matrix(pose)[2]  # optical frame
     roll_deg = float(np.rad2deg(np.arctan2(-down[0], down[1])))

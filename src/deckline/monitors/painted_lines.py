@@ -8,13 +8,14 @@ Source: Page, "Continuous inspection schemes", 1954.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
+from deckline.geometry import Camera, rectify, undistort
 from deckline.types import (
     SIDES,
     Detection,
@@ -103,12 +104,13 @@ class PaintMonitor:
             return self._flags
         if not self._last_s <= frame.time_s:  # another flight, or not a number
             self.reset()
-        lines, is_bent = estimate.pixel_lines, frame.camera.has_distortion
+        lines = estimate.pixel_lines
         is_painted = detection.edge in (None, EdgeKind.PAINT)
         is_due = self.every_s > 0 and frame.time_s - self._last_s >= self.every_s
-        if is_due and is_painted and not is_bent and set(SIDES) <= set(lines):
+        if is_due and is_painted and set(SIDES) <= set(lines):
             self._last_s = frame.time_s
-            self._accumulate(find_paint(frame.image_rgb, lines["left"], lines["right"]))
+            left, right = (_straighten(lines[side], frame.camera) for side in SIDES)
+            self._accumulate(find_paint(rectify(frame.image_rgb, frame.camera), left, right))
         return self._flags
 
     def _accumulate(self, found: PaintCheck) -> None:
@@ -147,6 +149,11 @@ def find_paint(image_rgb: NDArray[np.uint8], left: PixelLine, right: PixelLine) 
     ridges = np.maximum(ridge_response(_sample_rows(image_rgb, rows, u), sizes), 0.0)
     ridges[(u < 0) | (u > width - 1)] = 0.0
     return _measure_ridges(ridges, place, width_px)
+
+
+def _straighten(line: PixelLine, camera: Camera) -> PixelLine:
+    """The line with its ends where a camera without lens distortion sees them."""
+    return replace(line, ends_px=undistort(line.ends_px, camera))
 
 
 def _u_at(line: PixelLine, v: NDArray[np.int64]) -> Array:

@@ -230,7 +230,7 @@ COLUMNS = _columns()
 
 def _cell(value: Any) -> Any:
     if isinstance(value, list):  # flags: their names
-        return " ".join(str(item["name"] if isinstance(item, dict) else item) for item in value)
+        return ";".join(str(item["name"] if isinstance(item, dict) else item) for item in value)
     if isinstance(value, str) and value.startswith(FORMULA):
         return f"'{value}"
     return "" if value is None else value

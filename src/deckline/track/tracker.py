@@ -12,6 +12,7 @@ from deckline.track.forecast import Forecast, TrackMemory, describe_track
 from deckline.track.integrity import FaultMonitor, check_order
 from deckline.track.measurement import GatedMeasurement, Measurement, measure, select_consistent
 from deckline.track.motion import Aircraft, advance_aircraft, start_aircraft
+from deckline.track.prior_tests import focal_doubts
 from deckline.track.protection import fault_gains
 from deckline.track.stated_width import compare_width
 from deckline.track.states import CORRELATION_TIME_S, SENSOR_FLOOR, initial_state
@@ -233,10 +234,12 @@ class Tracker:
             gated, memory.state, memory.extent, aircraft_m, time_s, config
         )
         used = gated is not None and gated.accepted is not None
+        track = describe_track(memory, pose, config)
         return replace(
-            describe_track(memory, pose, config),
+            track,
             state=TrackState.TRACKING if used else TrackState.COASTING,
             flags=flags,
+            doubts=track.doubts + focal_doubts(context.frame.camera, config),
             excluded=() if gated is None else gated.excluded,
             diagnostics=context.diagnostics,
         )

@@ -3,6 +3,7 @@
 import socket
 import threading
 import time
+from collections import Counter
 from contextlib import suppress
 from typing import Any
 
@@ -32,7 +33,7 @@ from deckline.report.records import Record
 POLL_S = 0.05
 HEARTBEAT_S, TIMESYNC_S, BEACON_S = 1.0, 0.2, 0.2  # between two messages
 TEXT_S, REPEAT_S = 0.5, 5.0  # between two STATUSTEXT: at least, and at most while no target is sent
-MISSING_S = 1.5  # without a required message, after which it is requested
+LEAST_SHARE = 0.5  # of the wanted rate, below which a message is requested again
 POSE_US, ORIGIN_US = 20_000, 1_000_000  # requested intervals of the autopilot's messages
 COMPANION, BEACON_SYSTEM = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER, 100
 ATTITUDE, LOCAL = mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED
@@ -79,7 +80,8 @@ class Link:
         self._clock = ClockOffset()
         self._attitudes, self._positions = PoseBuffer(navigation.max_gap_s), PoseBuffer(navigation.max_gap_s)
         self._origin: Origin | None = navigation.origin
-        self._received_s: dict[int, float] = {}  # arrival of the last message of each kind
+        self._counts: Counter[int] = Counter()  # messages of each kind since they were looked at
+        self._counted_s = -np.inf
         self._heartbeat_s = self._timesync_s = self._target_s = self._beacon_s = self._text_s = -np.inf
         self._text = ""
         self._stopped = threading.Event()
@@ -152,13 +154,24 @@ class Link:
             self._heartbeat_s = now_s
             kind, none = mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_AUTOPILOT_INVALID
             self._send(mavlink.MAVLink_heartbeat_message(kind, none, 0, 0, mavlink.MAV_STATE_ACTIVE, 3))
-            for message, interval_us in self._needed.items() if self._system is not None else ():
-                if now_s - self._received_s.get(message, -np.inf) > MISSING_S:
-                    command = (mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 0, message, interval_us, 0, 0, 0, 0, 0)
-                    self._send(mavlink.MAVLink_command_long_message(self._system, 1, *command))
+            for message, interval_us in self._slow_messages(now_s) if self._system is not None else ():
+                command = (mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, 0, message, interval_us, 0, 0, 0, 0, 0)
+                self._send(mavlink.MAVLink_command_long_message(self._system, 1, *command))
         if self._system is not None and now_s - self._timesync_s >= TIMESYNC_S:
             self._timesync_s = now_s
             self._send(mavlink.MAVLink_timesync_message(0, self._clock.request(self._now_ns())))
+
+    def _slow_messages(self, now_s: float) -> list[tuple[int, int]]:
+        """Messages that came at less than half of the wanted rate since the last call -> their wanted interval, us."""
+        passed_s = now_s - self._counted_s
+        slow = [
+            (kind, interval_us)
+            for kind, interval_us in self._needed.items()
+            if self._counts[kind] < LEAST_SHARE * min(1e6 * passed_s / interval_us, 1e9)
+        ]
+        self._counted_s = now_s
+        self._counts.clear()
+        return slow
 
     def _handle(self, message: Any, sender: tuple[str, int]) -> None:
         """Use a message of an autopilot; of one that is not served, its heartbeat alone."""
@@ -167,7 +180,7 @@ class Link:
             self._choose_system(system, message.autopilot, sender)
         if system != self._system:
             return
-        self._received_s[kind] = time.monotonic()
+        self._counts[kind] += 1
         if kind == mavlink.MAVLINK_MSG_ID_TIMESYNC and message.tc1 == 0:
             self._send(mavlink.MAVLink_timesync_message(self._now_ns(), message.ts1))
         elif kind == mavlink.MAVLINK_MSG_ID_TIMESYNC:
