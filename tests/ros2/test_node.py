@@ -29,6 +29,11 @@ def make(kind, **values):
     return STORE.deserialize_cdr(Encoder()(kind, values), kind)
 
 
+def code(status):
+    """Its number in a Guidance."""
+    return {name: value for name, _, value in STORE.fielddefs["deckline_msgs/msg/Guidance"][0]}[status.name]
+
+
 def parts(transform, move, turn):
     quaternion = transform.rotation.as_quat().tolist()
     return {
@@ -135,7 +140,7 @@ def test_tf_has_the_deck_alone_and_on_request(robot, asked, edges):
     found = robot.read("/tf") if "/tf" in robot.node.sent else None
     assert edges == (found and {(one.header.frame_id, one.child_frame_id) for one in found[0].transforms})
     (guided,) = robot.read("/deckline/guidance")
-    assert guided.status == list(Status).index(Status.UNVERIFIED)
+    assert guided.status == code(Status.UNVERIFIED)
     assert guided.distance_to_ramp_m.value == pytest.approx(result.guidance.distance_to_ramp_m.value, rel=1e-8)
     assert {marker.header.frame_id for marker in robot.read("/deckline/lines")[0].markers[1:]} == {WORLD}
 
@@ -146,7 +151,7 @@ def test_a_camera_without_a_mount_is_refused_with_its_frame(robot):
     robot.state_camera()
     robot.fly()
     sent = robot.read("/deckline/guidance")
-    assert {one.status for one in sent} == {list(Status).index(Status.STALE)}
+    assert {one.status for one in sent} == {code(Status.STALE)}
     assert OPTICAL in sent[-1].reason and "/tf_static" in sent[-1].reason
 
 
@@ -221,4 +226,6 @@ def test_the_message_has_every_number_and_status_of_a_record():
     constants, fields = STORE.fielddefs["deckline_msgs/msg/Guidance"]
     names = {name for name, _ in fields}
     assert set(GUIDANCE) <= names
-    assert {name: value for name, _, value in constants} == {status.name: code for code, status in enumerate(Status)}
+    codes = {name: value for name, _, value in constants}
+    assert codes.pop("UNKNOWN") == 0  # of a message that nobody filled
+    assert codes == {status.name: code for code, status in enumerate(Status, 1)}
