@@ -24,6 +24,7 @@ from deckline.live.recorder import FrameFolder
 from deckline.recording import open_recording
 from deckline.report.records import frame_record
 from deckline.report.run import run
+from deckline.types import Diagnostic, Reason, Status
 from picture_scene import picture_result
 
 COUNT = 4
@@ -174,6 +175,18 @@ def test_what_is_no_guidance_does_not_resemble_it(written):
     values = {pair.key: pair.value for pair in states[2][1].values}
     assert values["flags"] == "stale" and states[2][1].hardware_id == "the camera"
     assert [state.message for _, state in states[3:]] == ["skipped: cut short", "stale: no frame for 0.50 s"]
+
+
+def test_flagged_numbers_make_no_pose_no_deck_and_no_lines(written):
+    result = chain(frame())
+    flag = Diagnostic(Reason.SPACING, "the lines are 16 m apart, 20 m are stated")
+    flagged = replace(result, guidance=result.guidance.with_flag(flag))
+    record = frame_record(flagged, STILL.approach)
+    assert record["status"] == Status.UNVERIFIED and [one["name"] for one in record["flags"]] == [Reason.SPACING]
+    found = written((flagged, record))
+    assert POSE not in found and "deck" not in transforms(found)
+    assert [[marker.action for marker in m.markers] for _, m in found[LINES]] == [[3]]
+    assert found[SEEN][0][1].points  # the lines in the picture remain
 
 
 def test_without_a_pose_there_is_a_picture_and_no_pose(written):

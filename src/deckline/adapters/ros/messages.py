@@ -38,7 +38,7 @@ TOPICS = {
     TF_TOPIC: "tf2_msgs/msg/TFMessage",
     DIAGNOSTICS_TOPIC: "diagnostic_msgs/msg/DiagnosticArray",
 }
-GUIDES = (Status.OK, Status.UNVERIFIED)  # only these make poses, a deck and lines in the world
+GUIDES = (Status.OK, Status.UNVERIFIED)  # only these, without a flag, make poses, a deck and lines in the world
 LEVELS = {Status.OK: 0, Status.UNVERIFIED: 1, Status.ONE_LINE: 1, Status.COASTING: 1, Status.STALE: 3}
 ERROR = 2
 LINE_LIST, DELETE_ALL, IMAGE_LINE_LIST = 5, 3, 2  # of Marker and ImageMarker
@@ -98,8 +98,11 @@ def camera_values(camera: Camera) -> Values:
 
 
 def guidance_messages(result: FrameResult, record: Record, config: RunConfig) -> list[Message]:
-    """What was found in a frame: the lines in the picture, and, of trusted guidance alone, pose, deck and lines."""
-    frame, is_trusted = result.frame, record["status"] in GUIDES
+    """What was found in a frame: the lines in the picture, and, of trusted guidance alone, pose, deck and lines.
+
+    Guidance is trusted without a flag: nobody may follow the numbers of a flagged frame.
+    """
+    frame, is_trusted = result.frame, record["status"] in GUIDES and not record["flags"]
     messages = [message(SEEN_TOPIC, _seen(result))]
     is_picture = frame.pose_source is PoseSource.PICTURE
     deck = deck_from_body(result, config.approach.point_m) if is_trusted else None
