@@ -35,7 +35,7 @@ from deckline.cli.main import main
 from deckline.config import Navigation
 from deckline.geometry import camera_mount
 from deckline.recording import RecordingError, open_recording
-from deckline.recording.ros_messages import decode_depth, decode_picture
+from deckline.recording.ros_messages import decode_depth, decode_picture, is_rectified
 
 KINDS = ("mcap", "db3", "bag")
 
@@ -104,6 +104,36 @@ def test_a_gimbal_moves_the_camera_on_the_body(tmp_path):
     down = np.deg2rad(2.5)
     np.testing.assert_allclose(view, [np.cos(down), 0, np.sin(down)], atol=1e-9)
     np.testing.assert_allclose(frame.body_from_camera.translation, [1, 0, 0], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("topic", "expected"),
+    [
+        ("/camera/image_rect", True),
+        ("/camera/image_rect_color", True),
+        ("image_rect/compressed", True),
+        ("/camera/image_raw", False),
+        ("/camera/image_raw/compressed", False),
+        ("/camera/direct/image_raw", False),  # "rect" is in it
+        ("/image_rect/image_raw", False),
+        ("/camera/image_unrectified", False),
+        ("/compressed", False),
+    ],
+)
+def test_the_name_of_a_topic_states_whether_its_pictures_are_rectified(topic, expected):
+    assert is_rectified(topic) is expected
+
+
+@pytest.mark.parametrize(("topic", "scale"), [("/direct/image_raw", 1.0), ("/camera/image_rect", 0.5)])
+def test_the_projection_of_camera_info_counts_for_rectified_pictures_alone(topic, scale, tmp_path):
+    fx, fy, cx, cy = 0.5 * CAMERA.fx, 0.5 * CAMERA.fy, CAMERA.cx, CAMERA.cy
+    p = {"p": [fx, 0, cx, 0, 0, fy, cy, 0, 0, 0, 1, 0]}
+    placed = [
+        (topic if name == "/camera/image" else name, kind, time_s, values | p if kind == INFO else values)
+        for name, kind, time_s, values in rows()
+    ]
+    frame = open_recording(write(tmp_path / "a", "mcap", placed)).load(0)
+    assert frame.camera.fx == pytest.approx(scale * CAMERA.fx)
 
 
 def test_a_fix_and_an_attitude_make_poses(tmp_path):

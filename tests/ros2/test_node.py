@@ -155,6 +155,16 @@ def test_a_camera_without_a_mount_is_refused_with_its_frame(robot):
     assert OPTICAL in sent[-1].reason and "/tf_static" in sent[-1].reason
 
 
+@pytest.mark.parametrize(("topic", "scale"), [("/direct/image_raw", 1.0), ("/camera/image_rect", 0.5)])
+def test_the_projection_of_camera_info_counts_for_rectified_pictures_alone(robot, topic, scale):
+    robot.node.resolve_topic_name = lambda name: topic
+    robot.start()
+    info = camera_values(CAMERA)
+    info["p"] = (np.diag([0.5, 0.5, 1.0]) @ np.reshape(info["p"], (3, 4))).ravel()
+    robot.send("camera_info", make("sensor_msgs/msg/CameraInfo", header=header(1.0, OPTICAL), **info))
+    assert robot.node._camera.camera.fx == pytest.approx(scale * CAMERA.fx)
+
+
 def test_transitions_start_and_end_what_is_sent(robot):
     robot.start()
     taken = set(robot.node.taken)

@@ -40,6 +40,7 @@ from deckline.recording.ros_messages import (
     BODY,
     TransformTree,
     camera_from_info,
+    is_rectified,
     read_mount,
     read_pose,
     read_time,
@@ -156,7 +157,7 @@ class DecklineNode(LifecycleNode):
             self._outgoing[topic] = publisher = self.create_lifecycle_publisher(kind, topic, DEPTH)
             self._open.callback(self.destroy_lifecycle_publisher, publisher)
         picture, topic = TRANSPORTS[given["image_transport"]]
-        self._is_rectified = "rect" in self.resolve_topic_name(topic)
+        self._is_rectified = is_rectified(self.resolve_topic_name(topic))
         for kind, name, take, qos in (
             (picture, topic, self._take_picture, qos_profile_sensor_data),
             (CameraInfo, "camera_info", self._take_info, qos_profile_sensor_data),

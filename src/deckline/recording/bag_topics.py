@@ -22,6 +22,7 @@ from deckline.recording.ros_messages import (
     decode_depth,
     decode_picture,
     is_depth,
+    is_rectified,
     read_attitude,
     read_fix,
     read_mount,
@@ -212,7 +213,7 @@ def open_bag(
     if mounted is None:
         info = chooser.info(pictures, frame)
         if info is not None:
-            mounted = camera_from_info(chooser.first(info), "rect" in pictures.name, f"{path}: {info.name}")
+            mounted = camera_from_info(chooser.first(info), is_rectified(pictures.name), f"{path}: {info.name}")
             origin = f"of {info.name}"
         if mounted is None and options.fov_deg is not None:
             height, width = decode_picture(chooser.first(pictures)).shape[:2]

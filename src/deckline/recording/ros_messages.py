@@ -54,6 +54,15 @@ def is_depth(message: Any) -> bool:
     return getattr(message, "encoding", "") in _DEPTHS or COMPRESSED_DEPTH in getattr(message, "format", "")
 
 
+def is_rectified(topic: str) -> bool:
+    """Whether a topic's name states undistorted pictures: its last part begins with `image_rect`.
+
+    A last part `compressed`, which image_transport adds, does not count.
+    Source: image_proc, whose topics are image_rect and image_rect_color.
+    """
+    return topic.removesuffix("/compressed").rpartition("/")[2].startswith("image_rect")
+
+
 def read_time(message: Any) -> float:
     """Time of a message's header, s; 0 where nobody set it."""
     return float(message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec)
