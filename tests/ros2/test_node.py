@@ -17,7 +17,7 @@ from deckline.config import Approach
 from deckline.detect import DETECTORS
 from deckline.geometry import attitude, camera_mount
 from deckline.report.records import GUIDANCE, frame_record
-from deckline.types import Status
+from deckline.types import PoseSource, Status
 from deckline_lab.rivals.classical import ClassicalDetector
 
 OPTICAL, WORLD = "front_optical", "odom"  # not the names that deckline gives frames
@@ -79,11 +79,11 @@ class Robot:
         pose = parts(MAP_FROM_WORLD * shown.world_from_body * UPRIGHT, "position", "orientation")
         self.send("pose", make("geometry_msgs/msg/PoseStamped", header=header(time_s, WORLD), pose=pose))
 
-    def fly(self):
-        """Four pictures among eight poses."""
+    def fly(self, pose_offset_s=0.0):
+        """Four pictures among eight poses, whose clock may be ahead."""
         for index in range(2 * COUNT):
             shown, time_s = replace(frame(index, 150.0 - index), body_from_camera=MOUNT), time.time()
-            self.send_pose(shown, time_s)
+            self.send_pose(shown, time_s + pose_offset_s)
             if index % 2:
                 self.send("image", picture_of(shown, time_s - 0.05))
             time.sleep(0.15)
@@ -128,6 +128,23 @@ def test_pictures_poses_and_the_static_mount_become_guidance(robot):
     values = {pair.key: pair.value for pair in state.values}
     assert float(values["lateral_deviation_m"]) == pytest.approx(last.lateral_deviation_m.value, abs=1e-3)
     assert {one.header.frame_id for one in robot.read("/deckline/annotations")} == {OPTICAL}
+
+
+def test_the_offset_of_the_poses_clock_is_applied(robot, tmp_path):
+    with (tmp_path / "deck.toml").open("a") as file:
+        file.write("[navigation]\noffset_s = 40.0\n")
+    robot.start()
+    robot.state_camera()
+    robot.state_mount()
+    robot.fly(pose_offset_s=40.0)
+    last = robot.read("/deckline/guidance")[-1]
+    assert last.pose_source == PoseSource.NAVIGATION
+    assert last.lateral_deviation_m.value == pytest.approx(LATERAL_M, abs=1.0)
+
+
+def test_the_networks_threads_sleep_as_those_of_live(robot):
+    robot.start()
+    assert not robot.node._flight.config.engine.spins
 
 
 @pytest.mark.parametrize(("asked", "edges"), [(False, None), (True, {(WORLD, "deck")})])

@@ -22,6 +22,7 @@ from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, Paramete
 from rclpy.executors import ExternalShutdownException
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
+from scipy.spatial.transform import RigidTransform
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import ImageMarker, MarkerArray
@@ -32,7 +33,7 @@ from deckline.config import RunConfig
 from deckline.files import describe_error
 from deckline.flight import Flight, FrameResult
 from deckline.geometry import pose
-from deckline.live.pipeline import STALE_S, LiveSession, Outputs
+from deckline.live.pipeline import STALE_S, LiveSession, Outputs, live_config
 from deckline.live.poses import PoseBuffer
 from deckline.options import read_run_config
 from deckline.recording.camera_file import MountedCamera
@@ -113,7 +114,7 @@ class DecklineNode(LifecycleNode):
         self._flight.reset()
         self._pictures = PictureTopic()
         outputs = Outputs(lambda record: None, self.get_logger().warning, views=(self._publish,))
-        self._session = LiveSession(self._pictures, self._flight, outputs, poses=self._poses.at, stale_s=self._stale_s)
+        self._session = LiveSession(self._pictures, self._flight, outputs, poses=self._find_pose, stale_s=self._stale_s)
         self._thread = threading.Thread(target=self._fly, args=(self._session,))
         done = super().on_activate(state)
         self._thread.start()
@@ -143,7 +144,7 @@ class DecklineNode(LifecycleNode):
     def _configure(self, given: dict[str, Any]) -> None:
         if given["image_transport"] not in TRANSPORTS:
             raise ValueError(f"image_transport must be {' or '.join(TRANSPORTS)}, got {given['image_transport']!r}")
-        self._config = read_run_config(Path(given["config"])) if given["config"] else RunConfig()
+        self._config = live_config(read_run_config(Path(given["config"])) if given["config"] else RunConfig())
         self._heights_m = [None if math.isnan(given[name]) else given[name] for name in ("deck_z_m", "sea_z_m")]
         self._base, self._stale_s = given["base_frame"], given["stale_s"]
         self._camera: MountedCamera | None = None
@@ -199,6 +200,9 @@ class DecklineNode(LifecycleNode):
             self._camera = None if camera is None else camera.at(*self._heights_m)
         except ValueError as error:
             self._complain(error)
+
+    def _find_pose(self, time_s: float) -> RigidTransform | None:
+        return self._poses.at(time_s + (self._config.navigation.offset_s or 0.0))
 
     def _take_static(self, message: Any) -> None:
         self._tree.add(message, is_static=True)
