@@ -79,13 +79,13 @@ class Robot:
         pose = parts(MAP_FROM_WORLD * shown.world_from_body * UPRIGHT, "position", "orientation")
         self.send("pose", make("geometry_msgs/msg/PoseStamped", header=header(time_s, WORLD), pose=pose))
 
-    def fly(self, pose_offset_s=0.0):
-        """Four pictures among eight poses, whose clock may be ahead."""
+    def fly(self, pose_offset_s=0.0, picture_offset_s=0.0):
+        """Four pictures among eight poses; their clocks may be ahead."""
         for index in range(2 * COUNT):
             shown, time_s = replace(frame(index, 150.0 - index), body_from_camera=MOUNT), time.time()
             self.send_pose(shown, time_s + pose_offset_s)
             if index % 2:
-                self.send("image", picture_of(shown, time_s - 0.05))
+                self.send("image", picture_of(shown, time_s - 0.05 + picture_offset_s))
             time.sleep(0.15)
         time.sleep(0.5)
 
@@ -180,6 +180,28 @@ def test_the_projection_of_camera_info_counts_for_rectified_pictures_alone(robot
     info["p"] = (np.diag([0.5, 0.5, 1.0]) @ np.reshape(info["p"], (3, 4))).ravel()
     robot.send("camera_info", make("sensor_msgs/msg/CameraInfo", header=header(1.0, OPTICAL), **info))
     assert robot.node._camera.camera.fx == pytest.approx(scale * CAMERA.fx)
+
+
+def test_pictures_from_the_future_are_refused(robot):
+    robot.node.values["stale_s"] = 0.3
+    robot.start()
+    robot.state_camera()
+    robot.state_mount()
+    robot.fly(pose_offset_s=5.0, picture_offset_s=5.0)  # a wrong clock of the whole robot
+    sent = robot.read("/deckline/guidance")
+    assert {one.status for one in sent} == {code(Status.STALE)}
+    assert "in the future" in sent[-1].reason
+    assert sum("in the future" in line for line in robot.node.lines) == 1
+
+
+def test_pictures_from_the_past_are_stale(robot):
+    robot.node.values["stale_s"] = 3.0
+    robot.start()
+    robot.state_camera()
+    robot.state_mount()
+    robot.fly(pose_offset_s=-60.0, picture_offset_s=-60.0)
+    sent = robot.read("/deckline/guidance")
+    assert {one.status for one in sent} == {code(Status.STALE)}
 
 
 def test_transitions_start_and_end_what_is_sent(robot):

@@ -8,7 +8,6 @@ Tried against a stand-in of rclpy, not with ROS.
 import math
 import sys
 import threading
-import time
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -186,11 +185,11 @@ class DecklineNode(LifecycleNode):
         return float(1e-9 * self.get_clock().now().nanoseconds)
 
     def _take_picture(self, message: Any) -> None:
-        age_s = min(max(self._now_s() - read_time(message), 0.0), 1.0)
+        age_s = min(self._now_s() - read_time(message), self._stale_s + 1.0)  # one without a time is stale
         frame = message.header.frame_id
         self._names[messages.CAMERA] = frame or messages.CAMERA
         mount = read_mount(self._tree, frame, self._base, "/tf_static", self._config.navigation)
-        self._pictures.put(message, time.monotonic() - age_s, self._camera, mount)
+        self._pictures.put(message, age_s, self._camera, mount)
 
     def _take_info(self, message: Any) -> None:
         if self._camera is not None:

@@ -1,5 +1,6 @@
 """The newest picture of a subscription as a live source."""
 
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -7,6 +8,7 @@ from scipy.spatial.transform import RigidTransform
 
 from deckline.live.mailbox import Mailbox
 from deckline.live.pipeline import WAIT_S
+from deckline.live.poses import FUTURE_S
 from deckline.live.source import Captured, LiveSource
 from deckline.recording import BadFrame
 from deckline.recording.camera_file import MountedCamera
@@ -21,23 +23,25 @@ class PictureTopic(LiveSource):
 
     def __init__(self) -> None:
         super().__init__(NAME)
-        self._mailbox: Mailbox[tuple[Any, float, MountedCamera | None, RigidTransform | None]] = Mailbox()
+        self._mailbox: Mailbox[tuple[Any, float, MountedCamera | None, RigidTransform | None] | BadFrame] = Mailbox()
 
-    def put(self, message: Any, at_s: float, camera: MountedCamera | None, mount: RigidTransform | None) -> None:
-        """Take a picture.
+    def put(self, message: Any, age_s: float, camera: MountedCamera | None, mount: RigidTransform | None) -> None:
+        """Take a picture; one from the future is refused, for its age is not known.
 
         Args:
             message: Image or CompressedImage.
-            at_s: time of capture, monotonic clock, s.
+            age_s: since its capture, s; negative: its time is ahead of the clock.
             camera: None: not known, and the lines are found in pixels alone.
             mount: body_from_camera; None: not known, and pictures of a known camera are refused.
         """
-        self._mailbox.put((message, at_s, camera, mount))
+        if age_s < -FUTURE_S:
+            return self._mailbox.put(BadFrame(NAME, f"a picture from {-age_s:.3f} s in the future; set the clocks"))
+        self._mailbox.put((message, time.monotonic() - max(age_s, 0.0), camera, mount))
 
     def captures(self) -> Iterator[Captured | BadFrame]:
         while not self.stopped.is_set():
             if (taken := self._mailbox.take(WAIT_S)) is not None:
-                yield self._capture(*taken)
+                yield taken if isinstance(taken, BadFrame) else self._capture(*taken)
 
     def _capture(
         self, message: Any, at_s: float, camera: MountedCamera | None, mount: RigidTransform | None

@@ -25,7 +25,7 @@ from deckline.recording.source import check_number
 
 PoseLookup = Callable[[float], RigidTransform | None]  # Unix time, s -> world_from_body; None: not known
 CAPACITY = 4000  # poses: ten seconds at 400 a second
-FUTURE_S = 0.1  # of a pose's time after its arrival, beyond which its clock is wrong
+FUTURE_S = 0.1  # of a pose's or picture's time after its arrival, beyond which its clock is wrong
 WAIT_S = 0.1  # for the pose after a picture, at most
 
 
