@@ -79,6 +79,11 @@ class Robot:
         pose = parts(MAP_FROM_WORLD * shown.world_from_body * UPRIGHT, "position", "orientation")
         self.send("pose", make("geometry_msgs/msg/PoseStamped", header=header(time_s, WORLD), pose=pose))
 
+    def send_odometry(self, shown, time_s, body):
+        pose = {"pose": parts(MAP_FROM_WORLD * shown.world_from_body * UPRIGHT, "position", "orientation")}
+        values = {"header": header(time_s, WORLD), "child_frame_id": body, "pose": pose}
+        self.send("odom", make("nav_msgs/msg/Odometry", **values))
+
     def fly(self, pose_offset_s=0.0, picture_offset_s=0.0):
         """Four pictures among eight poses; their clocks may be ahead."""
         for index in range(2 * COUNT):
@@ -140,6 +145,22 @@ def test_the_offset_of_the_poses_clock_is_applied(robot, tmp_path):
     last = robot.read("/deckline/guidance")[-1]
     assert last.pose_source == PoseSource.NAVIGATION
     assert last.lateral_deviation_m.value == pytest.approx(LATERAL_M, abs=1.0)
+
+
+@pytest.mark.parametrize(
+    ("body", "is_taken"), [("base_link", True), ("/base_link", True), ("", True), ("imu_link", False)]
+)
+def test_odometry_of_another_body_is_refused(robot, body, is_taken):
+    robot.start()
+    for time_s in (1.0, 1.2):
+        robot.send_odometry(frame(), time_s, body)
+    found = robot.node._find_pose(1.1)
+    if is_taken:
+        np.testing.assert_allclose(found.as_matrix(), frame().world_from_body.as_matrix(), atol=1e-9)
+        assert robot.node.lines == []
+    else:
+        assert found is None
+        assert all("'imu_link'" in line and "'base_link'" in line for line in robot.node.lines) and robot.node.lines
 
 
 def test_the_networks_threads_sleep_as_those_of_live(robot):

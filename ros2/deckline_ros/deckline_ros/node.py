@@ -210,7 +210,9 @@ class DecklineNode(LifecycleNode):
         world, values = message.header.frame_id, read_pose(message)
         body = getattr(message, "child_frame_id", "") or self._base
         try:
-            self._poses.add(read_time(message), turn_axes(pose(values[:3], values[3:]), world, body))
+            if body.lstrip("/") != self._base.lstrip("/"):
+                raise ValueError(f"odometry of {body!r}, expected that of base_frame, {self._base!r}")
+            self._poses.add(read_time(message), turn_axes(pose(values[:3], values[3:]), world, self._base))
         except ValueError as error:
             return self._complain(error)
         if world and not world.endswith("ned"):  # our messages' world is East-North-Up
