@@ -104,7 +104,7 @@ def ros(monkeypatch, tmp_path):
     ros_stand_in.install(monkeypatch)
     monkeypatch.setitem(DETECTORS, "classical", lambda engine: ClassicalDetector())  # finds lines in drawings
     (tmp_path / "deck.toml").write_text('[models]\ndehazer = "none"\ndetector = "classical"\n')
-    stated = {"config": str(tmp_path / "deck.toml"), "deck_z_m": -20.0, "stale_s": 20.0}
+    stated = {"config": str(tmp_path / "deck.toml"), "deck_z_m": -20.0, "stale_s": 20.0, "pose": "pose"}
     monkeypatch.setattr(LifecycleNode, "stated", stated)
     import deckline_ros.node
 
@@ -151,6 +151,7 @@ def test_the_offset_of_the_poses_clock_is_applied(robot, tmp_path):
     ("body", "is_taken"), [("base_link", True), ("/base_link", True), ("", True), ("imu_link", False)]
 )
 def test_odometry_of_another_body_is_refused(robot, body, is_taken):
+    robot.node.values |= {"pose": "", "odom": "odom"}
     robot.start()
     for time_s in (1.0, 1.2):
         robot.send_odometry(frame(), time_s, body)
@@ -228,7 +229,7 @@ def test_pictures_from_the_past_are_stale(robot):
 def test_transitions_start_and_end_what_is_sent(robot):
     robot.start()
     taken = set(robot.node.taken)
-    assert {"image", "camera_info", "pose", "odom", "/tf_static"} == taken
+    assert {"image", "camera_info", "pose", "/tf_static"} == taken
     robot.node.values["image_transport"] = "compressed"
     for _ in range(2):  # a second flight of the same node
         assert robot.node.on_deactivate(None) == "success"
@@ -248,6 +249,23 @@ def test_a_parameter_that_cannot_be_used_is_one_line(robot, name, value):
     assert robot.node.on_configure(None) == "failure"
     assert len(robot.node.lines) == 1 and str(value) in robot.node.lines[0]
     assert robot.node.taken == {} and robot.node.publishers_ == []
+
+
+def test_two_sources_of_poses_are_refused(robot):
+    robot.node.values |= {"pose": "/mavros/local_position/pose", "odom": "/odom"}
+    assert robot.node.on_configure(None) == "failure"
+    (line,) = robot.node.lines
+    assert "'/mavros/local_position/pose'" in line and "'/odom'" in line
+    assert robot.node.taken == {} and robot.node.publishers_ == []
+
+
+@pytest.mark.parametrize("stated", ["pose", "odom", ""])
+def test_poses_come_from_the_stated_topic_alone(robot, stated):
+    robot.node.values |= {"pose": "", "odom": ""} | ({stated: f"/own/{stated}"} if stated else {})
+    robot.start()
+    taken = set(robot.node.taken) - {"image", "camera_info", "/tf_static"}
+    assert taken == ({f"/own/{stated}"} if stated else set())
+    assert ["no pose" in line for line in robot.node.lines] == ([] if stated else [True])
 
 
 def test_damaged_messages_are_named_and_left_out(robot):
@@ -275,7 +293,7 @@ def test_parameters_are_typed_and_described(ros):
 def test_sensors_and_static_transforms_have_their_quality_of_service(robot):
     robot.start()
     qos = {topic: qos for topic, (_, qos) in robot.node.taken.items()}
-    assert {qos[topic].reliability for topic in ("image", "camera_info", "pose", "odom")} == {"best effort"}
+    assert {qos[topic].reliability for topic in ("image", "camera_info", "pose")} == {"best effort"}
     assert (qos["/tf_static"].reliability, qos["/tf_static"].durability) == ("reliability", "durability")
 
 

@@ -70,7 +70,9 @@ def test_the_launch_file_starts_the_node_with_its_parameters(monkeypatch):
     declared = {argument.args[0] for argument in arguments}
     remapped = {name for name, _ in started.remappings}
     assert declared == set(stated) | remapped - {"image/compressed"}
-    assert remapped == {"image", "image/compressed", "camera_info", "pose", "odom"}
+    assert remapped == {"image", "image/compressed", "camera_info"}
+    defaults = {argument.args[0]: argument.default_value for argument in arguments}
+    assert defaults["pose"] == defaults["odom"] == ""  # `pose:=TOPIC` alone leaves odometry out
     assert configure.event.transition_id == 1
     handler = configured.args[0]
     assert (handler.start_state, handler.goal_state) == ("configuring", "inactive")

@@ -68,6 +68,8 @@ PARAMETERS = {  # default, type, description
     "deck_z_m": (math.nan, NUMBER, "world z of the deck, m, down positive; NaN: not known"),
     "sea_z_m": (math.nan, NUMBER, "world z of the water, m, down positive; NaN: not known"),
     "stale_s": (STALE_S, NUMBER, "seconds without a picture after which guidance is stale"),
+    "pose": ("", TEXT, "topic of the body's poses, PoseStamped; empty: none"),
+    "odom": ("", TEXT, "topic of the body's poses, Odometry, in place of pose; empty: none"),
     "base_frame": (BODY, TEXT, "frame of the body whose poses come in"),
     "image_transport": ("raw", TEXT, "raw or compressed pictures"),
     "publish_tf": (False, SWITCH, "send the deck's transform on /tf; a transform of the body is never sent"),
@@ -143,6 +145,8 @@ class DecklineNode(LifecycleNode):
     def _configure(self, given: dict[str, Any]) -> None:
         if given["image_transport"] not in TRANSPORTS:
             raise ValueError(f"image_transport must be {' or '.join(TRANSPORTS)}, got {given['image_transport']!r}")
+        if given["pose"] and given["odom"]:
+            raise ValueError(f"state pose or odom, got both: {given['pose']!r} and {given['odom']!r}")
         self._config = live_config(read_run_config(Path(given["config"])) if given["config"] else RunConfig())
         self._heights_m = [None if math.isnan(given[name]) else given[name] for name in ("deck_z_m", "sea_z_m")]
         self._base, self._stale_s = given["base_frame"], given["stale_s"]
@@ -158,14 +162,16 @@ class DecklineNode(LifecycleNode):
             self._open.callback(self.destroy_lifecycle_publisher, publisher)
         picture, topic = TRANSPORTS[given["image_transport"]]
         self._is_rectified = is_rectified(self.resolve_topic_name(topic))
+        poses = (PoseStamped, given["pose"]), (Odometry, given["odom"])
         for kind, name, take, qos in (
             (picture, topic, self._take_picture, qos_profile_sensor_data),
             (CameraInfo, "camera_info", self._take_info, qos_profile_sensor_data),
-            (PoseStamped, "pose", self._take_pose, qos_profile_sensor_data),
-            (Odometry, "odom", self._take_pose, qos_profile_sensor_data),
             (TFMessage, "/tf_static", self._take_static, LATCHED),
+            *((kind, name, self._take_pose, qos_profile_sensor_data) for kind, name in poses if name),
         ):
             self._open.callback(self.destroy_subscription, self.create_subscription(kind, name, take, qos))
+        if not given["pose"] and not given["odom"]:
+            self.get_logger().warning("no pose and no odom stated: the pictures alone say where the aircraft is")
 
     def _fly(self, session: LiveSession) -> None:
         try:

@@ -10,12 +10,14 @@ from launch_ros.events.lifecycle import ChangeState
 from launch_ros.parameter_descriptions import ParameterValue
 from lifecycle_msgs.msg import Transition
 
-TOPICS = {"image": "/camera/image_raw", "camera_info": "/camera/camera_info", "pose": "/pose", "odom": "/odom"}
+TOPICS = {"image": "/camera/image_raw", "camera_info": "/camera/camera_info"}
 PARAMETERS = {  # default and type
     "config": ("", str),
     "deck_z_m": (".nan", float),
     "sea_z_m": (".nan", float),
     "stale_s": ("0.2", float),
+    "pose": ("", str),
+    "odom": ("", str),
     "base_frame": ("base_link", str),
     "image_transport": ("raw", str),
     "publish_tf": ("false", bool),
