@@ -29,7 +29,7 @@ NEXT, LAST = np.array([1, 2, 0]), np.array([2, 0, 1])  # cyclic axes of a cross 
 BODY_FROM_OPTICAL = Rotation.from_matrix([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Camera:
     """Pinhole intrinsics with optional distortion: Brown-Conrady, or equidistant for a fisheye.
 

@@ -208,7 +208,7 @@ def test_a_recording_becomes_a_bag_and_a_folder_again(tmp_path, capsys):
         np.testing.assert_array_equal(first.image_rgb, second.image_rgb)
         np.testing.assert_allclose(first.world_from_camera.as_matrix(), second.world_from_camera.as_matrix(), atol=1e-5)
         np.testing.assert_array_equal(first.depth_m, second.depth_m)
-        assert vars(first.camera) == vars(second.camera)
+        assert first.camera == second.camera
 
 
 @pytest.fixture

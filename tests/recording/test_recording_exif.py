@@ -86,7 +86,7 @@ def test_a_recording_keeps_that_a_focal_length_is_of_exif(tmp_path):
     folder.add(frame)
     folder.close()
     again = open_recording(tmp_path / "copy").load(0)
-    assert vars(again.camera) == vars(frame.camera) and again.deck_z_m == -18.0
+    assert again.camera == frame.camera and again.deck_z_m == -18.0
 
 
 def test_an_assumed_camera_carries_its_wide_sigma():

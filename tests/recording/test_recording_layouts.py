@@ -123,7 +123,7 @@ def test_images_may_have_latitude_and_longitude(tmp_path, names):
 def test_a_field_of_view_stands_for_a_camera_file(tmp_path):
     source = open_recording(images(tmp_path, ["a.png"], camera=""), fov_deg=60.0, deck_z_m=-17.0)
     frame = source.load(0)
-    assert vars(frame.camera) == vars(Camera.from_fov(3, 2, np.pi / 3))
+    assert frame.camera == Camera.from_fov(3, 2, np.pi / 3)
     assert (frame.deck_z_m, frame.camera.known) == (-17.0, True)
     np.testing.assert_array_equal(frame.body_from_camera.as_matrix(), camera_mount().as_matrix())
     assert "camera stated by --fov-deg: 60.0 degrees" in source.notes[-1]

@@ -161,7 +161,7 @@ def make_view(
     camera, mount = frames[0].camera, frames[0].body_from_camera
     for frame in frames:
         same = np.allclose(frame.body_from_camera.as_matrix(), mount.as_matrix())
-        if vars(frame.camera) != vars(camera) or not same:
+        if frame.camera != camera or not same:
             raise ValueError(f"{frame.file}: another camera or mounting than in {frames[0].file}; calibrate needs one")
     index = np.array([line[:2] for line in lines], np.int64).reshape(-1, 2)
     dip = np.full(len(frames), np.nan)

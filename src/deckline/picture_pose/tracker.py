@@ -111,7 +111,7 @@ class PictureTracker:
                 late = Diagnostic(Reason.BAD_TIME, f"the frame's time {frame.time_s:.3f} s is not after the one before")
                 return PictureAnswer(given, estimate, _lost(frame, (late,)))
             self.reset()
-        if not _is_same(frame.camera, self._camera):
+        if frame.camera != self._camera:
             self.reset()
         self._camera, self._time_s = frame.camera, frame.time_s
         picture = self._sight(frame, detection, estimate, flags)
@@ -263,10 +263,6 @@ class PictureTracker:
         if self.config.deck.width_m is not None:
             return frame, estimate, track
         return in_widths(frame, estimate, track, USUAL_WIDTH_M)
-
-
-def _is_same(camera: Camera, other: Camera | None) -> bool:
-    return camera is other or (other is not None and vars(camera) == vars(other))
 
 
 def _lost(frame: Frame, diagnostics: Diagnostics) -> Track:
