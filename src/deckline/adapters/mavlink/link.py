@@ -167,7 +167,7 @@ class Link:
         slow = [
             (kind, interval_us)
             for kind, interval_us in self._needed.items()
-            if self._counts[kind] < LEAST_SHARE * min(1e6 * passed_s / interval_us, 1e9)
+            if self._counts[kind] < LEAST_SHARE * 1e6 * passed_s / interval_us
         ]
         self._counted_s = now_s
         self._counts.clear()
