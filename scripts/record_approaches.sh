@@ -1,9 +1,9 @@
 #!/bin/sh
-# Records the flights of docs/experiments/2026-11-approaches-flown.md, some 3,000 frames:
+# Records the flights of docs/experiments/2026-11-approaches-flown.md, some 7,400 frames:
 #
 #   record_approaches.sh FOLDER [SHIPS [SEEDS]]
 #
-#   FOLDER/random   12 or SHIPS random ships from 800 to 60 m, 10 Hz, 15 to 70 m/s, visibility 200 to 3000 m; every other
+#   FOLDER/random   40 or SHIPS random ships from 800 to 60 m, 10 Hz, 15 to 70 m/s, visibility 200 to 3000 m; every other
 #                   deck moves
 #   FOLDER/presets  presets paper and cvn at visibilities of 500, 1000 and 1500 m, from 1.1 times that on, 5 Hz; 2 or SEEDS
 #                   approaches each
@@ -11,7 +11,7 @@
 #
 # Poses err as grade "standard" says. A stopped script goes on where it stopped.
 set -eu
-out=$1 ships=${2:-12} seeds=${3:-2}
+out=$1 ships=${2:-40} seeds=${3:-2}
 : "${DECKLINE:=deckline}"
 
 record() { # FOLDER SEED SPEED HZ START END FLAGS: still air but for a light wind from the right
@@ -24,12 +24,11 @@ record() { # FOLDER SEED SPEED HZ START END FLAGS: still air but for a light win
         navigation.attitude_sigma_deg=0.02 navigation.attitude_bias_deg=0.098
 }
 
-seed=3600
-for speed in 70 65 65 60 60 55 50 50 45 40 30 15; do
-    [ $((seed - 3600)) -lt "$ships" ] || break
-    record "$out/random/$seed" $seed $speed 10 800 60 \
+for seed in $(seq 3600 $((3599 + ships))); do
+    set -- 70 65 65 60 60 55 50 50 45 40 30 15
+    shift $(((seed - 3600) % 12))
+    record "$out/random/$seed" "$seed" "$1" 10 800 60 \
         --preset train --visibility 200..3000 --weather.sea-state $((seed % 2 * 4))
-    seed=$((seed + 1))
 done
 for visibility in 500 1000 1500; do
     for preset in paper cvn; do
