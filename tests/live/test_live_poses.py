@@ -42,7 +42,7 @@ LINES = {
 
 @pytest.fixture
 def poses():
-    with closing(UdpPoses(f"udp://127.0.0.1:{free_port()}", Navigation(), WallClock())) as opened:
+    with closing(UdpPoses(f"udp://127.0.0.1:{free_port()}", Navigation(), WallClock(), print)) as opened:
         yield opened
 
 
@@ -76,7 +76,7 @@ def test_what_is_no_pose_of_now_is_refused_and_changes_nothing(poses, text):
     for time_s in (T, T + 0.1):
         poses.add(line(time_s, 0.0), time_s)
     poses.add(text, T + 0.2)
-    assert poses.refused == 1 and poses.reason
+    assert poses.refused.count == 1 and poses.refused.reason
     assert poses(T + 0.05) is not None
     assert poses(T + 0.2) is None
 
@@ -92,17 +92,17 @@ def test_a_clock_that_jumps_back_begins_anew(poses):
 
 def test_an_offset_moves_the_poses_clock():
     navigation = Navigation(offset_s=100.0)
-    with closing(UdpPoses(f"udp://127.0.0.1:{free_port()}", navigation, WallClock())) as poses:
+    with closing(UdpPoses(f"udp://127.0.0.1:{free_port()}", navigation, WallClock(), print)) as poses:
         for time_s in (T, T + 0.1):
             poses.add(line(time_s, 10 * (time_s - T)), time_s - 100.0)
-        assert poses.refused == 0
+        assert poses.refused.count == 0
         assert poses(T - 100.0 + 0.05).translation[0] == pytest.approx(0.5)
 
 
 def test_only_the_first_of_two_senders_is_heard_and_a_pose_to_come_is_waited_for():
     port = free_port()
     with (
-        closing(UdpPoses(f"udp://127.0.0.1:{port}", Navigation(max_gap_s=30.0), WallClock())) as poses,
+        closing(UdpPoses(f"udp://127.0.0.1:{port}", Navigation(max_gap_s=30.0), WallClock(), print)) as poses,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as first,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as second,
     ):
@@ -110,7 +110,7 @@ def test_only_the_first_of_two_senders_is_heard_and_a_pose_to_come_is_waited_for
         first.sendto(pose_line(start_s).encode(), ("127.0.0.1", port))
         wait_until(lambda: poses._poses)
         second.sendto(pose_line(start_s + 0.001).encode(), ("127.0.0.1", port))
-        wait_until(lambda: poses._receiver.foreign)
+        wait_until(lambda: poses._receiver.foreign.count)
         assert len(poses._poses) == 1
         first.sendto(pose_line(start_s + 0.002).encode(), ("127.0.0.1", port))
         wait_until(lambda: poses(start_s + 0.001) is not None)

@@ -50,7 +50,7 @@ def answers(messages):
 
 def test_a_wire_that_is_cut_turns_guidance_stale_and_it_recovers():
     port, pose_port = free_port(), free_port()
-    poses = UdpPoses(f"udp://127.0.0.1:{pose_port}", Navigation(), WallClock())
+    poses = UdpPoses(f"udp://127.0.0.1:{pose_port}", Navigation(), WallClock(), print)
     with closing(poses), PoseSender(pose_port), flying(port, poses=poses) as (messages, lines):
         wait_until(lambda: messages)
         assert messages[0]["reason"] == "no frame yet"
@@ -77,7 +77,7 @@ def test_a_wire_that_is_cut_turns_guidance_stale_and_it_recovers():
 
 def test_what_was_flown_is_flown_again_from_its_recording(tmp_path):
     port, pose_port = free_port(), free_port()
-    poses = UdpPoses(f"udp://127.0.0.1:{pose_port}", Navigation(), WallClock())
+    poses = UdpPoses(f"udp://127.0.0.1:{pose_port}", Navigation(), WallClock(), print)
     with (
         closing(poses),
         PoseSender(pose_port),

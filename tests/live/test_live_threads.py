@@ -1,12 +1,14 @@
 """What threads hand to each other, and when a picture was taken."""
 
 import threading
+import time
 
 import pytest
 from loopback import wait_until
 
 from deckline.live.clock import StreamClock
 from deckline.live.mailbox import BackgroundWriter, Mailbox
+from deckline.live.tally import REPORT_EVERY_S, Tally
 
 
 def test_the_newest_item_wins_and_the_others_are_counted():
@@ -47,6 +49,24 @@ def test_a_slow_disk_loses_items_and_says_so():
     go_on.set()
     writer.close()
     assert (written, writer.lost, writer.error) == ([0, 2], 3, "disk full")
+
+
+def test_losses_are_told_at_first_and_then_seldom(monkeypatch):
+    now_s, lines = 100.0, []
+    monkeypatch.setattr(time, "monotonic", lambda: now_s)
+    tally = Tally("poses refused", lines.append)
+    tally.close()
+    assert not lines
+    for reason in "abc":
+        tally.add(reason)
+    now_s += 2 * REPORT_EVERY_S
+    tally.add("d")
+    tally.add("e")
+    assert [line.split()[0] for line in lines] == ["1", "4"]
+    tally.close()
+    tally.close()
+    assert [line.split()[0] for line in lines] == ["1", "4", "5"]
+    assert (tally.count, tally.reason) == (5, "e")
 
 
 def test_a_picture_that_was_there_already_has_waited_as_long_as_its_presentation_time_says():

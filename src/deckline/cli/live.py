@@ -23,7 +23,8 @@ from deckline.live.folder import FlightRecorder, open_output
 from deckline.live.opening import SCHEMES, is_camera
 from deckline.live.pipeline import STALE_S, LiveSession, Outputs, live_config
 from deckline.live.poses import PoseLookup, UdpPoses
-from deckline.live.source import LiveSource, Log, Playback
+from deckline.live.source import LiveSource, Playback
+from deckline.live.tally import Log
 from deckline.options import RunOptions
 from deckline.report.records import Record
 
@@ -86,7 +87,7 @@ def live(
     with ExitStack() as stack:
         send = stack.enter_context(open_output(to, log.warning))
         pilot = _open_autopilot(mavlink, autopilot, poses, config, wall, log.info, stack)
-        link = _open_poses(source, opening, poses, pilot, config, wall, stack)
+        link = _open_poses(source, opening, poses, pilot, config, wall, log.warning, stack)
         opened: LiveSource
         if is_camera(source):
             opened = opening.open_stream(source, wall, latency_s, rate, log.warning)
@@ -117,11 +118,14 @@ def live(
         with on_first_signal(session.stop, signal.SIGINT, signal.SIGTERM):
             try:
                 summary = session.run(duration)
-            finally:
-                written = [] if recorder is None else recorder.finish()
+            except BaseException:
+                if recorder is not None:
+                    recorder.abandon()
+                raise
+            written = [] if recorder is None else recorder.finish()
     for line in (*summary.lines(), *written):
         log.info(line)
-    for line in (*([] if recorder is None else recorder.notes()), *_pose_losses(link)):
+    for line in [] if recorder is None else recorder.notes():
         log.warning(line)
     return 0
 
@@ -185,6 +189,7 @@ def _open_poses(
     pilot: "Link | None",
     config: RunConfig,
     wall: WallClock,
+    log: Log,
     stack: ExitStack,
 ) -> PoseLookup | None:
     """Poses of a camera's pictures; None of those without, and of recordings and simulators, which have their own.
@@ -200,13 +205,7 @@ def _open_poses(
         raise ValueError(f"{source}: poses are of no use without --camera or --fov-deg")
     if poses is None or poses == FROM_AUTOPILOT:
         return pilot if poses == FROM_AUTOPILOT else None
-    return stack.enter_context(closing(UdpPoses(poses, config.navigation, wall)))
-
-
-def _pose_losses(poses: PoseLookup | None) -> list[str]:
-    if not isinstance(poses, UdpPoses) or not poses.refused:
-        return []
-    return [f"{poses.refused} poses refused; the last one: {poses.reason}"]
+    return stack.enter_context(closing(UdpPoses(poses, config.navigation, wall, log)))
 
 
 COMMANDS = {"live": live}

@@ -11,7 +11,8 @@ from deckline.extras import needs_extra
 from deckline.files import print_line
 from deckline.live.clock import WallClock
 from deckline.live.opening import open_camera
-from deckline.live.source import Log, StreamCamera
+from deckline.live.source import StreamCamera
+from deckline.live.tally import Log
 from deckline.recording import Recording, open_recording
 from deckline.recording.airsim import ReadOptions
 from deckline.recording.camera_file import (

@@ -14,7 +14,7 @@ from deckline.extras import needs_extra
 from deckline.files import print_line
 from deckline.flight import FrameResult
 from deckline.live.mailbox import BackgroundWriter
-from deckline.live.source import Log
+from deckline.live.tally import Log
 from deckline.report.records import FlightView, Record
 
 WAITING = 16  # live answers that wait to be sent, at most

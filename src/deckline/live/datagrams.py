@@ -12,6 +12,7 @@ from contextlib import suppress
 from threading import Event
 from urllib.parse import urlsplit
 
+from deckline.live.tally import Log, Tally
 from deckline.recording import RecordingError
 
 POLL_S = 0.1  # a wait notices a stop within this time
@@ -55,19 +56,20 @@ class Receiver:
         address: udp://HOST:PORT or rtp://HOST:PORT. HOST is this machine's own address, 0.0.0.0 for all of them, or a
             multicast group.
         stopped: when set, waits end.
+        log: receives a line about datagrams that are left out, at most every `REPORT_EVERY_S`.
         accepts: whether a sender is accepted that begins with this datagram.
 
     Attributes:
-        foreign: datagrams left out: of other senders, or empty.
+        foreign: datagrams left out: of other senders, or without a payload.
 
     Raises:
         ValueError: a wrong address.
         RecordingError: the address cannot be opened.
     """
 
-    def __init__(self, address: str, stopped: Event, accepts: Callable[[bytes], bool] = bool) -> None:
+    def __init__(self, address: str, stopped: Event, log: Log, accepts: Callable[[bytes], bool] = bool) -> None:
         host, port = parse_udp(address, ("udp", "rtp"))
-        self.foreign = 0
+        self.foreign = Tally(f"datagrams to {address} left out", log)
         self._stopped = stopped
         self._accepts = accepts
         self._unwrap: Callable[[bytes], bytes] = rtp_payload if address.startswith("rtp:") else bytes
@@ -102,7 +104,7 @@ class Receiver:
                 continue
             now_s, data, is_new = time.monotonic(), self._unwrap(data), sender != self._sender
             if not data or (is_new and (now_s - self._heard_s < SILENCE_S or not self._accepts(data))):
-                self.foreign += 1
+                self.foreign.add(f"{sender[0]}:{sender[1]} is not the sender" if data else "it has no payload")
                 if now_s >= end_s:
                     return None
                 continue
@@ -120,3 +122,4 @@ class Receiver:
 
     def close(self) -> None:
         self._socket.close()
+        self.foreign.close()

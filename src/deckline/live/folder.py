@@ -3,7 +3,7 @@
 import shutil
 import socket
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +13,8 @@ from deckline.live.mailbox import BackgroundWriter
 from deckline.live.messages import LIVE_COLUMNS
 from deckline.live.pipeline import Outputs
 from deckline.live.recorder import FrameFolder
-from deckline.live.source import LiveSource, Log
+from deckline.live.source import LiveSource
+from deckline.live.tally import Log, Tally
 from deckline.report.provenance import settings_of
 from deckline.report.records import Record, to_line
 from deckline.report.run_folder import start_folder
@@ -28,7 +29,7 @@ WAITING_LINES, WAITING_FRAMES = 1000, 16  # for the disk; a 720p frame takes 2.8
 def open_output(to: str, log: Log) -> Iterator[Callable[[Record], None]]:
     """Sends records as JSON lines: to "-", stdout, or to udp://HOST:PORT, one a datagram.
 
-    A datagram that the network does not take is lost, and `log` gets a line.
+    A datagram that the network does not take is lost, and `log` gets a line, at most one every `REPORT_EVERY_S`.
 
     Raises:
         ValueError: neither.
@@ -36,14 +37,14 @@ def open_output(to: str, log: Log) -> Iterator[Callable[[Record], None]]:
     if to == "-":
         yield _print_record
         return
-    address = parse_udp(to)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as output:
+    address, unsent = parse_udp(to), Tally(f"messages not sent to {to}", log)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as output, closing(unsent):
 
         def send(record: Record) -> None:
             try:
                 output.sendto(to_line(record).encode(), address)
             except OSError as error:
-                log(f"{to}: not sent: {error.strerror or error}")
+                unsent.add(error.strerror or str(error))
 
         yield send
 
@@ -111,14 +112,23 @@ class FlightRecorder:
 
     def finish(self) -> list[Path]:
         """Close everything and write the files that are made at the end; returns all of them."""
+        self._close()
+        written = self._writer.publish()
+        self._folder.finish()
+        return written
+
+    def abandon(self) -> None:
+        """Close everything after a failure: guidance.jsonl alone, as a restart must not wait for the other files."""
+        self._close()
+        self._folder.publish([])
+        self._folder.finish()
+
+    def _close(self) -> None:
         if self._images is not None and self._frames is not None:
             self._images.close()
             self._frames.close()
         self._lines.close()
         self._writer.close()
-        written = self._writer.publish()
-        self._folder.finish()
-        return written
 
     def notes(self) -> list[str]:
         """For people, after `finish`: what most frames lack, and one line for each kind of thing that was lost."""

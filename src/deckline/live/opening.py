@@ -10,7 +10,8 @@ import av
 from deckline.live.clock import WallClock
 from deckline.live.datagrams import LOST_S, Receiver, is_transport
 from deckline.live.decoding import BOUNDS, MPEG_TS, Picture, decode_container, decode_stream
-from deckline.live.source import Log, Pinhole, StreamCamera
+from deckline.live.source import Pinhole, StreamCamera
+from deckline.live.tally import Log
 from deckline.recording import RecordingError
 from deckline.recording.camera_file import MountedCamera
 
@@ -47,7 +48,7 @@ class NetworkStream(StreamCamera):
         pinhole: Pinhole | None = None,
     ) -> None:
         super().__init__(address, self._listen, mounted, wall, latency_s, log, pinhole)
-        self._receiver = Receiver(address, self.stopped, is_transport)
+        self._receiver = Receiver(address, self.stopped, log, is_transport)
 
     def close(self) -> None:
         self._receiver.close()

@@ -17,7 +17,8 @@ from deckline.live.mailbox import Mailbox
 from deckline.live.messages import NO_FRAME, Answer, FrameCounts, answer_record, stale_record
 from deckline.live.poses import PoseLookup
 from deckline.live.recorder import round_pose
-from deckline.live.source import Captured, LiveSource, Log
+from deckline.live.source import Captured, LiveSource
+from deckline.live.tally import Log, Tally
 from deckline.recording import BadFrame
 from deckline.report.records import FlightView, Record
 from deckline.runtime import usable_cores
@@ -27,7 +28,6 @@ STALE_S = 0.2
 STALE_EVERY_S = 0.5  # between messages while there is no frame
 TICK_S = 0.01  # between checks for staleness
 WAIT_S = 0.1  # a wait for a frame notices a stop within this time
-REPORT_EVERY_S = 5.0  # between lines about damaged frames
 AGES = 10_000  # of the last answers, for the summary
 LATE_S, LATE_ANSWERS = 0.15, 30  # median age of so many answers, above which a busy machine is named
 BUSY = 1.5  # load for each core
@@ -117,11 +117,10 @@ class LiveSession:
         self._errors: list[BaseException] = []
         self._frames: Mailbox[Captured | End] = Mailbox()
         self._answers: Mailbox[Answer | End] = Mailbox()
-        self._whole = self._damaged = 0  # frames
+        self._whole = 0  # frames
+        self._damaged = Tally("frames could not be used", outputs.log)
         self._damage = ""  # why the last frame could not be used; empty: it could
         self._captured_s = time.monotonic()  # capture of the last whole frame
-        self._reported_s = self._captured_s  # last line about damaged frames
-        self._lock = threading.Lock()
         self._ages: deque[float] = deque(maxlen=AGES)
         self._is_warned = False  # of late answers
 
@@ -159,7 +158,7 @@ class LiveSession:
             self.stop()
 
     def _count(self) -> FrameCounts:
-        lost = self._frames.dropped, self._damaged, self._answers.dropped
+        lost = self._frames.dropped, self._damaged.count, self._answers.dropped
         return FrameCounts(self._whole, *lost, self._source.restarts)
 
     def _capture(self) -> None:
@@ -176,13 +175,8 @@ class LiveSession:
 
     def _refuse(self, bad: BadFrame) -> None:
         """Count a frame that cannot be used; for two threads."""
-        with self._lock:
-            self._damaged += 1
-            self._damage, now_s = bad.reason, time.monotonic()
-            if self._damaged > 1 and now_s - self._reported_s < REPORT_EVERY_S:
-                return
-            self._reported_s = now_s
-        self._out.log(f"{self._damaged} frames could not be used; the last one: {bad.reason}")
+        self._damage = bad.reason
+        self._damaged.add(bad.reason)
 
     def _perceive(self) -> None:
         while not self._stopped.is_set():
@@ -216,7 +210,7 @@ class LiveSession:
             if isinstance(answer, End):
                 return self.stop()
             if answer is not None:
-                last, sent_s = answer, now_s
+                last, sent_s, stale_sent_s = answer, now_s, -np.inf
                 record = answer_record(answer, self._count(), now_s, self._offset_s, self._stale_s, approach)
                 self._ages.append(now_s - answer.at_s)
                 self._warn_if_late()

@@ -19,6 +19,7 @@ from deckline.files import parse_plain
 from deckline.geometry import pose
 from deckline.live.clock import WallClock
 from deckline.live.datagrams import POLL_S, Receiver
+from deckline.live.tally import Log, Tally
 from deckline.recording.pose_track import PoseTrack
 from deckline.recording.poses import NUMBERS
 from deckline.recording.source import check_number
@@ -59,11 +60,11 @@ class PoseBuffer:
             self._poses.append((time_s, world_from_body))
             self._changed.notify()
 
-    def at(self, time_s: float) -> RigidTransform | None:
-        """The pose at a time of the poses' clock; waits up to `WAIT_S` for the next pose while poses arrive."""
+    def at(self, time_s: float, wait_s: float = WAIT_S) -> RigidTransform | None:
+        """The pose at a time of the poses' clock; waits so long for the next pose, at most, while poses arrive."""
         with self._changed:
             if self._poses and time_s - self._gap_s <= self._poses[-1][0] < time_s:
-                self._changed.wait_for(lambda: bool(self._poses) and self._poses[-1][0] >= time_s, WAIT_S)
+                self._changed.wait_for(lambda: bool(self._poses) and self._poses[-1][0] >= time_s, wait_s)
             poses = list(self._poses)
         after = min(bisect_left(poses, time_s, key=lambda item: item[0]), len(poses) - 1)
         if after < 1:
@@ -85,24 +86,23 @@ class UdpPoses:
         address: udp://HOST:PORT that receives them.
         navigation: offset of the poses' clock, and the longest gap.
         wall: this machine's Unix time.
+        log: receives a line about poses that are refused, at most every `REPORT_EVERY_S`.
 
     Attributes:
-        refused: number of lines that were refused.
-        reason: of the last refused line; empty: none was refused.
+        refused: lines that were refused.
 
     Raises:
         ValueError: a wrong address.
         RecordingError: the address cannot be opened.
     """
 
-    def __init__(self, address: str, navigation: Navigation, wall: WallClock) -> None:
-        self.refused = 0
-        self.reason = ""
+    def __init__(self, address: str, navigation: Navigation, wall: WallClock, log: Log) -> None:
+        self.refused = Tally("poses refused", log)
         self._navigation = navigation
         self._wall = wall
         self._poses = PoseBuffer(navigation.max_gap_s)
         self._stopped = threading.Event()
-        self._receiver = Receiver(address, self._stopped)
+        self._receiver = Receiver(address, self._stopped, log)
         self._thread = threading.Thread(target=self._listen, name="poses", daemon=True)
         self._thread.start()
 
@@ -119,13 +119,13 @@ class UdpPoses:
                 raise ValueError(f"a pose from {ahead_s:.3f} s in the future; set the clocks, or --pose-offset-s")
             self._poses.add(time_s, world_from_body)
         except ValueError as error:
-            self.refused += 1
-            self.reason = str(error)
+            self.refused.add(str(error))
 
     def close(self) -> None:
         self._stopped.set()
         self._thread.join()
         self._receiver.close()
+        self.refused.close()
 
     def _listen(self) -> None:
         while not self._stopped.is_set():

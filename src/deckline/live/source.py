@@ -11,6 +11,7 @@ import av
 
 from deckline.live.clock import StreamClock, WallClock
 from deckline.live.decoding import Picture
+from deckline.live.tally import Log
 from deckline.recording import BadFrame, Recording, RecordingError, Source
 from deckline.recording.camera_file import STATED, MountedCamera, note_camera
 from deckline.types import Frame
@@ -18,7 +19,6 @@ from deckline.types import Frame
 SLICE_S = 0.05  # within which a wait notices a stop
 FIRST_WAIT_S, LONGEST_WAIT_S = 0.25, 8.0  # between two tries to open a source; each wait doubles
 
-Log = Callable[[str], None]
 Pinhole = Callable[[int, int], MountedCamera]
 
 

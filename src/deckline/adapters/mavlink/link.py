@@ -24,8 +24,8 @@ from deckline.config import Navigation
 from deckline.geometry import pose
 from deckline.live.clock import WallClock
 from deckline.live.datagrams import LARGEST, parse_udp
-from deckline.live.poses import PoseBuffer
-from deckline.live.source import Log
+from deckline.live.poses import WAIT_S, PoseBuffer
+from deckline.live.tally import Log, Tally
 from deckline.recording import RecordingError
 from deckline.recording.pose_track import PoseTrack, place_in_world
 from deckline.report.records import Record
@@ -52,12 +52,12 @@ class Link:
         navigation: longest gap of the poses, correction of the clock's offset, and the world's origin: with one,
             positions come from GLOBAL_POSITION_INT, else from LOCAL_POSITION_NED.
         wall: this machine's Unix time.
-        log: receives one line for each autopilot that is served or refused.
+        log: receives one line for each autopilot that is served or refused, and lines about poses that are.
         takes_poses: whether poses are requested from the autopilot.
 
     Attributes:
         sent: LANDING_TARGET messages.
-        refused: number of poses that were not used.
+        refused: poses that were not used.
 
     Raises:
         ValueError: a wrong address or an unknown firmware.
@@ -69,7 +69,7 @@ class Link:
     ) -> None:
         if firmware not in FIRMWARES:
             raise ValueError(f"unknown autopilot {firmware!r}: use {' or '.join(FIRMWARES)}")
-        self.sent = self.refused = 0
+        self.sent, self.refused = 0, Tally("poses of the autopilot refused", log)
         self._firmware, self._navigation, self._wall, self._log = firmware, navigation, wall, log
         self._needed = _needed_messages(navigation, takes_poses)
         self._socket, self._peer = _open_socket(address)
@@ -94,7 +94,9 @@ class Link:
         if offset_s is None:
             return None
         wanted_s = time_s + offset_s + (self._navigation.offset_s or 0.0)
-        attitude, position = self._attitudes.at(wanted_s), self._positions.at(wanted_s)
+        end_s = time.monotonic() + WAIT_S
+        attitude = self._attitudes.at(wanted_s)
+        position = self._positions.at(wanted_s, max(end_s - time.monotonic(), 0.0))
         if attitude is None or position is None:
             return None
         return RigidTransform.from_components(position.translation, position.rotation * attitude.rotation)
@@ -121,6 +123,7 @@ class Link:
         self._stopped.set()
         self._thread.join()
         self._socket.close()
+        self.refused.close()
 
     def write(self, data: bytes) -> None:
         """Send one message as one datagram, for pymavlink; ignore a network that refuses it."""
@@ -190,8 +193,8 @@ class Link:
         elif kind in self._needed:
             try:
                 self._add_pose(kind, message)
-            except (ValueError, RecordingError):
-                self.refused += 1
+            except (ValueError, RecordingError) as error:
+                self.refused.add(str(error))
 
     def _choose_system(self, system: int, autopilot: int, sender: tuple[str, int]) -> None:
         """Serve the first system of the firmware that sends a heartbeat, from whatever address."""
