@@ -205,6 +205,8 @@ class Approach:
 class RunwaySurvey:
     """A runway whose place in the world is known beforehand: the prior of the search. Without a ramp there is none.
 
+    The place is fixed: of a ship under way it is soon wrong, and the search finds nothing there.
+
     Args:
         ramp_m: (3,) world, middle between both lines' near ends, m.
         heading_deg: direction of landing, from world x (north) towards world y (east), degrees.

@@ -204,7 +204,7 @@ def test_the_projection_of_camera_info_counts_for_rectified_pictures_alone(robot
     assert robot.node._camera.camera.fx == pytest.approx(scale * CAMERA.fx)
 
 
-def test_pictures_from_the_future_are_refused(robot):
+def test_pictures_and_poses_from_the_future_are_refused(robot):
     robot.node.values["stale_s"] = 0.3
     robot.start()
     robot.state_camera()
@@ -213,7 +213,9 @@ def test_pictures_from_the_future_are_refused(robot):
     sent = robot.read("/deckline/guidance")
     assert {one.status for one in sent} == {code(Status.STALE)}
     assert "in the future" in sent[-1].reason
-    assert sum("in the future" in line for line in robot.node.lines) == 1
+    late = [line for line in robot.node.lines if "in the future" in line]
+    assert sum("a pose" in line for line in late) == 2 * COUNT == len(late) - 1
+    assert robot.node._find_pose(time.time()) is None
 
 
 def test_pictures_from_the_past_are_stale(robot):

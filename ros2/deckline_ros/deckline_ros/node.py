@@ -218,7 +218,9 @@ class DecklineNode(LifecycleNode):
         try:
             if body.lstrip("/") != self._base.lstrip("/"):
                 raise ValueError(f"odometry of {body!r}, expected that of base_frame, {self._base!r}")
-            self._poses.add(read_time(message), turn_axes(pose(values[:3], values[3:]), world, self._base))
+            world_from_body = turn_axes(pose(values[:3], values[3:]), world, self._base)
+            now_s = self._now_s() + (self._config.navigation.offset_s or 0.0)
+            self._poses.add(read_time(message), world_from_body, now_s)
         except ValueError as error:
             return self._complain(error)
         if world and not world.endswith("ned"):  # our messages' world is East-North-Up

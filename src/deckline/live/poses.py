@@ -45,12 +45,18 @@ class PoseBuffer:
     def __len__(self) -> int:
         return len(self._poses)
 
-    def add(self, time_s: float, world_from_body: RigidTransform) -> None:
+    def add(self, time_s: float, world_from_body: RigidTransform, now_s: float = np.inf) -> None:
         """Append a pose; a clock that steps back by more than the longest gap begins a new track.
 
+        Args:
+            now_s: the present by the poses' clock; infinite: not known.
+
         Raises:
-            ValueError: it is not later than the last one.
+            ValueError: it is not later than the last one, or from the future.
         """
+        if time_s - now_s > FUTURE_S:
+            hint = "set the clocks, or navigation.offset_s (--pose-offset-s)"
+            raise ValueError(f"a pose from {time_s - now_s:.3f} s in the future: {hint}")
         with self._changed:
             back_s = self._poses[-1][0] - time_s if self._poses else -1.0
             if back_s > self._gap_s:
@@ -114,10 +120,7 @@ class UdpPoses:
         """Use a line that arrived at a Unix time; refuse one that is no pose."""
         try:
             time_s, world_from_body = parse_pose_line(line)
-            ahead_s = time_s - (self._navigation.offset_s or 0.0) - arrival_s
-            if ahead_s > FUTURE_S:
-                raise ValueError(f"a pose from {ahead_s:.3f} s in the future; set the clocks, or --pose-offset-s")
-            self._poses.add(time_s, world_from_body)
+            self._poses.add(time_s, world_from_body, arrival_s + (self._navigation.offset_s or 0.0))
         except ValueError as error:
             self.refused.add(str(error))
 
