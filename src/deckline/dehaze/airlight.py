@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.dehaze.filters import dark_channel
+from deckline.dehaze.filters import dark_channel, mean_channel
 
 Image = NDArray[np.float32]
 
@@ -61,7 +61,7 @@ def estimate_airlight_surface(image: Image) -> Airlight:
     sky = find_sky(image, smooth)
     surface = fit_airlight(image, sky)
     colour = follow_sky(surface, image, smooth, _lowest_row(sky)) if sky.any() else surface
-    moved = np.abs(colour.mean(axis=2) - surface.mean(axis=2))
+    moved = np.abs(mean_channel(colour) - mean_channel(surface))
     return Airlight(colour, np.hypot(AIRLIGHT_SIGMA, MOVE_SIGMA * moved), sky)
 
 
@@ -69,7 +69,7 @@ def find_smooth_top(image: Image) -> NDArray[np.bool_]:
     """What is smooth from the top of an image (h, w, 3) of full scale down (h, w)."""
     import cv2
 
-    smooth = cv2.blur(_gradient(image.mean(axis=2)), (SKY_PX, SKY_PX)) < SKY_GRADIENT
+    smooth = cv2.blur(_gradient(mean_channel(image)), (SKY_PX, SKY_PX)) < SKY_GRADIENT
     return _from_the_top(np.asarray(cv2.erode(smooth.astype(np.uint8), np.ones((3, 3), np.uint8)), np.uint8))
 
 
@@ -80,7 +80,7 @@ def find_sky(image: Image, smooth: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """
     if not smooth.any():
         return smooth
-    grey = image.mean(axis=2)
+    grey = mean_channel(image)
     rows = max(TOP_ROWS, round(TOP_BAND * len(grey)))
     sky = smooth & (grey > LEAST_GREY * np.median(grey[:rows][smooth[:rows]]))
     below = dark_channel(image, 11)[~sky]
@@ -96,10 +96,10 @@ def fit_airlight(image: Image, sky: NDArray[np.bool_]) -> Image:
         dark = dark_channel(image, 11)
         colour = np.median(image[dark >= np.percentile(dark, 99.5)], axis=0)
         return np.broadcast_to(np.maximum(colour, LEAST_AIRLIGHT), image.shape).astype(np.float32)
-    terms = _quadratic_terms(height, width)
+    y, x = (np.linspace(-1, 1, count, dtype=np.float32) for count in sky.shape)
     sample = np.flatnonzero(sky)
     sample = sample[:: max(1, len(sample) // SURFACE_SAMPLES)]
-    rows, colours = terms.reshape(-1, len(SKY_RIDGE))[sample], image.reshape(-1, 3)[sample]
+    rows, colours = _quadratic_terms(y[sample // width], x[sample % width]), image.reshape(-1, 3)[sample]
     ridge = np.diag(np.array(SKY_RIDGE, np.float32) * len(rows))
     weights = np.ones(len(rows), np.float32)
     for _ in range(SURFACE_STEPS):
@@ -107,17 +107,20 @@ def fit_airlight(image: Image, sky: NDArray[np.bool_]) -> Image:
         surface = np.linalg.solve(weighted @ rows + ridge, weighted @ colours)
         weights = 1 / (1 + ((colours - rows @ surface) ** 2).sum(axis=1) / SKY_SPREAD**2)
     held = np.minimum(np.arange(height), _lowest_row(sky))
-    return np.clip(terms[held] @ surface, np.maximum(image[sky].min(axis=0), LEAST_AIRLIGHT), 1).astype(np.float32)
+    constant, slope, square = (_quadratic_terms(y[held], np.full_like(y, at)) @ surface for at in (0, 1, -1))
+    slope, square = (slope - square) / 2, (slope + square) / 2 - constant  # in x, of every row
+    found = np.stack([np.ones_like(x), x, x * x], axis=1) @ np.stack([constant, slope, square], axis=1)
+    darkest = [max(LEAST_AIRLIGHT, channel[sky].min()) for channel in np.moveaxis(image, 2, 0)]
+    return np.clip(found, np.array(darkest, np.float32), 1)
 
 
 def _lowest_row(sky: NDArray[np.bool_]) -> int:
     return int(np.percentile(len(sky) - 1 - sky[::-1].argmax(axis=0)[sky.any(axis=0)], LOWEST_SKY))
 
 
-def _quadratic_terms(height: int, width: int) -> Image:
-    """1, x, y, x^2, x y, y^2 of every pixel (h, w, 6), x and y from -1 to 1."""
-    y, x = np.meshgrid(np.linspace(-1, 1, height), np.linspace(-1, 1, width), indexing="ij")
-    return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1).astype(np.float32)
+def _quadratic_terms(y: Image, x: Image) -> Image:
+    """1, x, y, x^2, x y, y^2 of points (N,), x and y from -1 to 1: (N, 6)."""
+    return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
 
 
 def follow_sky(airlight: Image, image: Image, smooth: NDArray[np.bool_], lowest_row: int) -> Image:

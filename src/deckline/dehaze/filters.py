@@ -67,4 +67,4 @@ def estimate_noise(differences: Image) -> float:
     """1-sigma of a pixel's noise from differences (N, 3) of two pixels; the largest are clouds and edges."""
     sizes = np.abs(differences).ravel()
     count = int(NOISE_PART * sizes.size)
-    return float(np.partition(sizes, count)[:count].mean() / NOISE_MEAN) if count else 0.0
+    return float(np.sort(sizes)[:count].mean() / NOISE_MEAN) if count else 0.0

@@ -69,10 +69,31 @@ class Air:
     """(h, w) of the veil V = slope * grey + offset."""
     offset: Image
     """(h, w)."""
+    share: Image
+    """(h, w, 3) of the contrast C' = share * image + shift whose noise is averaged out."""
+    shift: Image
+    """(h, w, 3)."""
     noise: float
     """1-sigma of a pixel, of full scale."""
     strength: float
     """Share of the dark channel's veil that is removed."""
+
+    def in_rows(self, rows: range, height: int, width: int) -> "Air":
+        """The air in some rows of an image of another size; all of it at once would be slow to allocate."""
+        import cv2
+
+        last = len(self.sigma) - 1
+        y = ((np.array(rows, np.float32) + 0.5) * len(self.sigma) / height - 0.5).clip(0, last)
+        above = np.minimum(y.astype(np.intp), max(last - 1, 0))
+        share, size = (y - above)[:, None, None], (width, len(rows))
+
+        def stretch(part: Image) -> Image:
+            between = part[above] + share * (part[np.minimum(above + 1, last)] - part[above])
+            return np.asarray(cv2.resize(between, size), np.float32)
+
+        sigma, slope, offset = np.moveaxis(stretch(np.dstack([self.sigma, self.slope, self.offset])), 2, 0)
+        airlight, kept, shift = (stretch(part) for part in (self.airlight, self.share, self.shift))
+        return Air(airlight, sigma, slope, offset, kept, shift, self.noise, self.strength)
 
 
 class VeilDehazer:
@@ -93,9 +114,11 @@ class VeilDehazer:
         height, width = image_rgb.shape[:2]
         scale = min(1.0, ANALYSIS_PX / max(height, width))
         size = max(1, round(width * scale)), max(1, round(height * scale))
-        small = to_full_scale(cv2.resize(image_rgb, size, interpolation=cv2.INTER_AREA))
-        noise = estimate_noise(np.diff(image_rgb[:: max(1, height // 90)].astype(np.float32), axis=1)) / 255
-        air = estimate_air(small, noise)
+        small, sample = (
+            to_full_scale(cv2.resize(image_rgb, size, interpolation=way)) for way in (cv2.INTER_AREA, cv2.INTER_NEAREST)
+        )
+        noise = estimate_noise(np.diff(image_rgb[:: max(1, height // 90)].astype(np.int16), axis=1)) / 255
+        air = estimate_air(small, sample, noise, max(1, round(SMOOTH_PX * scale)))
         if air.strength == 0:
             return DehazeResult(image_rgb.copy(), "not dehazed: the picture is dark, or its dark places show no haze")
         return DehazeResult(remove_veil(image_rgb, air, find_gamma(small, air)))
@@ -106,8 +129,15 @@ def to_full_scale(levels: NDArray) -> Image:
     return np.asarray(levels, np.float32) / np.float32(255)
 
 
-def estimate_air(image: Image, noise: float) -> Air:
-    """Airlight and veil of an image (h, w, 3) of full scale whose pixels have this noise, 1-sigma."""
+def estimate_air(image: Image, sample: Image, noise: float, radius_px: int) -> Air:
+    """Airlight and veil of an image.
+
+    Args:
+        image: (h, w, 3) of full scale, averaged from a larger one.
+        sample: (h, w, 3) single pixels of that one.
+        noise: of its pixels, 1-sigma.
+        radius_px: in which the noise is averaged out.
+    """
     import cv2
 
     width = image.shape[1]
@@ -118,13 +148,15 @@ def estimate_air(image: Image, noise: float) -> Air:
     # An opening of the smallest channel follows edges better than its minimum alone.
     opened = cv2.dilate(dark_channel(ratio, patch), np.ones((patch, patch), np.uint8))
     dark = cv2.GaussianBlur(opened, (0, 0), patch / 2).clip(0, 1)
-    strength = MOST_STRENGTH * _haziness(dark[~air.sky], ratio[~air.sky], airlight.mean(axis=(0, 1)))
+    strength = MOST_STRENGTH * _haziness(dark[~air.sky], saturation(ratio)[~air.sky], airlight.mean(axis=(0, 1)))
     veil = strength * np.clip((dark - OWN_LIGHT) / (1 - OWN_LIGHT), 0, 1)
     veil = np.minimum(veil, own_veil(image, airlight)).clip(0)
-    grey = image.mean(axis=2)
+    grey = mean_channel(image)
     veil *= LEAST_SURE + (1 - LEAST_SURE) * detail_certainty(grey)
     slope, offset = guided_coefficients(grey, veil, max(4, round(width * GUIDE_RADIUS)), GUIDE_EPS)
-    return Air(airlight, air.sigma, slope, offset, max(MIN_NOISE, NOISE_WEIGHT * noise), strength)
+    noise = max(MIN_NOISE, NOISE_WEIGHT * noise)
+    share, shift = smooth_noise(image - airlight, sample - airlight, noise, radius_px)
+    return Air(airlight, air.sigma, slope, offset, share, shift - share * airlight, noise, strength)
 
 
 def detail_certainty(grey: Image) -> Image:
@@ -143,12 +175,12 @@ def detail_certainty(grey: Image) -> Image:
     return np.asarray((slope * grey + offset).clip(0, 1), dtype=np.float32)
 
 
-def _haziness(dark: Image, ratio: Image, airlight: Image) -> float:
+def _haziness(dark: Image, saturations: Image, airlight: Image) -> float:
     """How surely an image is hazy, 0 to 1. A colourful scene is not: haze takes colours away.
 
     Args:
         dark: (N,) its dark channel over the airlight, outside the sky.
-        ratio: (N, 3) its colours over the airlight, outside the sky.
+        saturations: (N,) of its colours over the airlight, outside the sky.
         airlight: (3,) mean, of full scale; haze has little colour.
     """
     if not len(dark):
@@ -159,13 +191,22 @@ def _haziness(dark: Image, ratio: Image, airlight: Image) -> float:
     ]
     coloured = linear_step(float(np.ptp(airlight) / airlight.max()), *COLOURED)
     warm = linear_step(float((airlight[0] - airlight[2]) / airlight.max()), *WARM)
-    colours = linear_step(float(np.mean(np.ptp(ratio, axis=1) / ratio.max(axis=1).clip(LEAST_COLOUR))), *COLOURS)
+    colours = linear_step(float(saturations.mean()), *COLOURS)
     sure = min(1.0, sum(parts)) * linear_step(float(airlight.mean()), *NIGHT)
     return sure * (1 - coloured) * (1 - warm) * (1 - colours)
 
 
-def estimate_scene(image: Image, airlight: Image, sigma: Image, slope: Image, offset: Image, noise: float) -> Image:
-    """The most likely scene (H, W, 3) of full scale, not clipped; maps are of the image's size.
+def saturation(image: Image) -> Image:
+    """Of colours (H, W, 3), 0 to 1: (H, W)."""
+    import cv2
+
+    red, green, blue = cv2.split(image)
+    least, most = cv2.min(cv2.min(red, green), blue), cv2.max(cv2.max(red, green), blue)
+    return np.asarray((most - least) / np.maximum(most, np.float32(LEAST_COLOUR)), dtype=np.float32)
+
+
+def estimate_scene(image: Image, air: Air) -> Image:
+    """The most likely scene (H, W, 3) of full scale, not clipped; the air is of the image's size.
 
     Only what differs from the airlight by more than noise and its own colour error is drawn apart; the rest stays.
     What is brighter than the airlight nears full scale without reaching it.
@@ -173,11 +214,12 @@ def estimate_scene(image: Image, airlight: Image, sigma: Image, slope: Image, of
     import cv2
 
     level = mean_channel(image)
-    veil = np.minimum(slope * level + offset, own_veil(image, airlight)).clip(0, MAX_VEIL)
+    veil = np.minimum(air.slope * level + air.offset, own_veil(image, air.airlight)).clip(0, MAX_VEIL)
     t = 1 - veil
-    variance = noise**2 + np.square(sigma * veil)
+    variance = air.noise**2 + np.square(air.sigma * veil)
     more = np.maximum(t / (t * t + variance / SCENE_SIGMA**2), 1) - 1
-    contrast = smooth_noise(image - airlight, noise)
+    contrast = air.share * image
+    contrast += air.shift
     grey = mean_channel(contrast)
     grey_square = grey * grey
     squares = 3 * np.maximum(mean_channel(contrast * contrast) - grey_square, 0)
@@ -202,23 +244,32 @@ def own_veil(image: Image, airlight: Image) -> Image:
     return np.asarray((darkest - light) / (1 - light), dtype=np.float32)
 
 
-def smooth_noise(contrast: Image, noise: float) -> Image:
-    """A contrast (H, W, 3) whose ripples no larger than noise and compression are averaged out; edges stay.
+def smooth_noise(contrast: Image, sample: Image, noise: float, radius_px: int) -> tuple[Image, Image]:
+    """Share and shift (h, w, 3) of the contrast share * C + shift: ripples as small as noise are averaged out.
 
-    Source: He, Sun and Tang 2013, the guided filter with the image as its own guide.
+    Compression's are, too; edges stay.
+
+    Args:
+        contrast: (h, w, 3), averaged from a larger one.
+        sample: (h, w, 3) single pixels of that one, which vary as it does.
+        noise: 1-sigma, of full scale.
+        radius_px: of the square window.
+
+    Source: He, Sun and Tang 2013, the guided filter with the image as its own guide; He and Sun, "Fast guided filter",
+    2015 (at a lower resolution).
     """
     import cv2
 
-    side = (2 * SMOOTH_PX + 1,) * 2
-    mean = cv2.blur(contrast, side)
-    variance = np.maximum(cv2.blur(contrast * contrast, side) - mean * mean, 0)
+    side = (2 * radius_px + 1,) * 2
+    mean, sampled = cv2.blur(contrast, side), cv2.blur(sample, side)
+    variance = np.maximum(cv2.blur(sample * sample, side) - sampled * sampled, 0)
     share = cv2.blur(variance / (variance + np.float32((SMOOTH_NOISE * noise) ** 2)), side)
-    return np.asarray(mean + share * (contrast - mean), dtype=np.float32)
+    return np.asarray(share, np.float32), np.asarray(mean - share * mean, np.float32)
 
 
 def find_gamma(small: Image, air: Air) -> float:
     """The exponent that restores TONE_SHARE of the brightness lost with the veil."""
-    scene = estimate_scene(small, air.airlight, air.sigma, air.slope, air.offset, air.noise).clip(0, 1)
+    scene = estimate_scene(small, air).clip(0, 1)
     bright, mean = float(small.mean()), float(scene.mean())
     if mean >= bright or mean < 1e-3:
         return 1.0
@@ -234,22 +285,12 @@ def tone_table(gamma: float, airlight: float) -> NDArray[np.uint8]:
 
 def remove_veil(image_rgb: NDArray[np.uint8], air: Air, gamma: float) -> NDArray[np.uint8]:
     """An image (H, W, 3) of any size without its veil, strip by strip."""
-    import cv2
-
     height, width = image_rgb.shape[:2]
     table = tone_table(gamma, float(air.airlight.mean()))
-    airlight, sigma, slope, offset = (
-        np.asarray(cv2.resize(part, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)
-        for part in (air.airlight, air.sigma, air.slope, air.offset)
-    )
     clear = np.empty_like(image_rgb)
     step = max(1, STRIP_PX // width)
     for top in range(0, height, step):
-        first = max(0, top - 2 * SMOOTH_PX)  # the filter reaches so far into the neighbouring strips
-        rows = slice(first, top + step + 2 * SMOOTH_PX)
-        image = to_full_scale(image_rgb[rows])
-        scene = estimate_scene(image, airlight[rows], sigma[rows], slope[rows], offset[rows], air.noise)
-        scene = scene[top - first :][:step]
-        levels = (scene * (LEVELS - 1) + 0.5).clip(0, LEVELS - 1).astype(np.intp)
-        clear[top : top + step] = table[levels]
+        rows = range(top, min(top + step, height))
+        scene = estimate_scene(to_full_scale(image_rgb[top : rows.stop]), air.in_rows(rows, height, width))
+        clear[top : rows.stop] = table[(scene * (LEVELS - 1) + 0.5).clip(0, LEVELS - 1).astype(np.intp)]
     return clear
