@@ -101,7 +101,7 @@ class Flight:
         if self.tracker is not None:
             self._monitors = build_monitors(config.tracking)
             if isinstance(detector, SearchingDetector):  # stated by the detector's class, see there
-                self._scheduler = SearchScheduler(detector, config.tracking.search_s)
+                self._scheduler = SearchScheduler(detector, config.tracking.search_s, config.tracking.first_at_once)
                 self._monitors = (self._scheduler, *self._monitors)
 
     @classmethod

@@ -76,6 +76,20 @@ def test_after_the_first_no_picture_takes_more_than_three_views(picture, is_sure
     assert max(views[1:]) <= VIEWS
 
 
+@pytest.mark.parametrize("gap_s", [5.0, -5.0])
+def test_in_live_flight_no_picture_is_searched_whole_unless_all_come_slowly(gap_s):
+    detector, views = ShortSightedDetector(), []
+    scheduler, blank = SearchScheduler(detector, 1.0, first_at_once=False), np.zeros((720, 1280, 3), np.uint8)
+    quick = [number / 30 for number in range(40)]
+    times = quick + [time_s + gap_s for time_s in quick]
+    slow = [times[-1] + 1.5 * number for number in range(1, 4)]
+    for time_s in times + slow:
+        before = detector.views
+        scheduler.detect(time_s, blank, None, False)
+        views.append(detector.views - before)
+    assert max(views[: len(times) + 1]) <= VIEWS < min(views[len(times) + 1 :])
+
+
 def test_a_runway_that_is_elsewhere_is_found_in_two_frames():
     pictures = [draw((1280, 720), *HERE)] * 3 + [draw((1280, 720), *THERE)] * 3
     _, _, found = detect_all(OracleDetector(), pictures)

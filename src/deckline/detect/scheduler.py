@@ -75,13 +75,14 @@ class SearchScheduler:
 
     Args:
         detector: finds the lines.
-        search_s: from the end of one search beside the track to the next, s. A picture that comes later than that after
-            the one before is searched whole at once; 0: every picture is.
+        search_s: from the end of one search beside the track to the next, s; 0: every picture is searched whole.
+        first_at_once: so is a picture that comes later than that after the one before; else only from the second such
+            picture in a row on.
     """
 
-    def __init__(self, detector: SearchingDetector, search_s: float) -> None:
+    def __init__(self, detector: SearchingDetector, search_s: float, first_at_once: bool = True) -> None:
         self.detector = detector
-        self.search_s = search_s
+        self.search_s, self.first_at_once = search_s, first_at_once
         self.reset()
 
     def reset(self) -> None:
@@ -91,6 +92,7 @@ class SearchScheduler:
         self._place: FoundPlace | None = None
         self._last_s = -np.inf  # when a search ended
         self._seen_s = -np.inf  # the last picture's time
+        self._passed_s = 0.0  # from the one before to it
 
     def close(self) -> None:
         """No threads to end."""
@@ -115,9 +117,12 @@ class SearchScheduler:
             is_sure: the pictures before confirm the box.
             view_joined: one view of several pictures, where this one alone does not surely show both lines in the box.
         """
-        passed_s, self._seen_s = time_s - self._seen_s, time_s
+        before_s, passed_s = self._passed_s, time_s - self._seen_s
+        self._passed_s, self._seen_s = passed_s, time_s
         if not 0 < passed_s <= self.search_s:
-            return self._search_at_once(time_s, image_rgb, box)
+            if self.first_at_once or before_s > self.search_s or not self.search_s:
+                return self._search_at_once(time_s, image_rgb, box)
+            self._held, self._place, passed_s = None, None, 0.0  # what was seen so long ago is elsewhere
         search = self.detector.start_search(image_rgb)
         at_box = None if box is None else self._view_box(search, box, view_joined)
         if at_box is not None and is_sure and not self._contradictions and _is_sure_pair(search, at_box):

@@ -78,8 +78,13 @@ class End:
 
 
 def live_config(config: RunConfig) -> RunConfig:
-    """The same whose network's threads sleep between operators: capture, localization and outputs need the cores."""
-    return replace(config, engine=replace(config.engine, spins=False))
+    """The same as live flight needs it.
+
+    The network's threads sleep between operators: capture, localization and outputs need the cores. No picture is
+    searched whole at once: the answer would be a second old.
+    """
+    engine, tracking = replace(config.engine, spins=False), replace(config.tracking, first_at_once=False)
+    return replace(config, engine=engine, tracking=tracking)
 
 
 class LiveSession:
