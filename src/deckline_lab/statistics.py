@@ -131,6 +131,29 @@ def resample_runs(totals: NDArray[Any], counts: NDArray[Any], rng: np.random.Gen
     return float(low), float(high)
 
 
+def share_interval_of_runs(hits: Sequence[int], trials: Sequence[int], rng: np.random.Generator) -> tuple[float, float]:
+    """95 % interval of a share whose trials come in independent runs; trials of one run resemble each other.
+
+    A bootstrap over the runs, never narrower than the interval of independent trials. Where no trial or every trial is
+    a hit, runs do not differ and a bootstrap has no width: the interval is then that of the runs themselves.
+
+    Args:
+        hits: (N,), of each run.
+        trials: (N,); runs without a trial are left out.
+        rng: draws the runs of each resample.
+
+    Raises:
+        ValueError: no trial, or more hits than trials.
+    """
+    runs = [(some, of) for some, of in zip(hits, trials, strict=True) if of]
+    hit, all_trials = np.array(runs, dtype=np.int64).reshape(-1, 2).T
+    least, most = share_interval(int(hit.sum()), int(all_trials.sum()))
+    if hit.sum() in (0, all_trials.sum()):
+        return share_interval(len(runs) if hit.any() else 0, len(runs))
+    low, high = resample_runs(hit, all_trials, rng)
+    return min(low, least), max(high, most)
+
+
 @dataclass(frozen=True)
 class Consistency:
     """How errors compare with the covariance that came with them."""

@@ -9,6 +9,7 @@ from deckline_lab.statistics import (
     median_and_p95,
     paired_difference,
     share_interval,
+    share_interval_of_runs,
 )
 
 
@@ -67,6 +68,29 @@ def test_intervals_of_shares_hold_what_they_promise():
     for hits, trials in ((1, 0), (3, 2), (-1, 2)):
         with pytest.raises(ValueError, match=f"{hits} of {trials}"):
             share_interval(hits, trials)
+
+
+def test_a_share_of_runs_that_agree_within_is_as_well_known_as_that_of_the_runs():
+    low, high = share_interval_of_runs([45] * 20 + [0] * 10, [45] * 30, np.random.default_rng(0))
+    half = 1.96 * np.sqrt(20 / 30 * 10 / 30 / 30)
+    assert (low, high) == pytest.approx((20 / 30 - half, 20 / 30 + half), abs=0.1 * half)
+
+
+def test_a_share_of_runs_is_never_better_known_than_that_of_independent_trials():
+    assert share_interval_of_runs([9] * 30, [45] * 30, np.random.default_rng(0)) == share_interval(270, 1350)
+    _, high = share_interval_of_runs([1] + [0] * 89, [45] * 90, np.random.default_rng(0))
+    assert high == share_interval(1, 4050)[1]  # the bootstrap alone: 0.0007
+
+
+@pytest.mark.parametrize("share", [0, 1])
+def test_where_all_trials_agree_the_runs_count(share):
+    hits, trials = [45 * share] * 90 + [0], [45] * 90 + [0]  # the last run has no trial
+    assert share_interval_of_runs(hits, trials, np.random.default_rng(0)) == share_interval(90 * share, 90)
+
+
+def test_a_share_of_no_trial_is_refused():
+    with pytest.raises(ValueError, match="0 of 0"):
+        share_interval_of_runs([0, 0], [0, 0], np.random.default_rng(0))
 
 
 def test_consistent_covariances_give_three_and_ninety_five_percent():

@@ -8,6 +8,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import tyro
 
 from deckline.checks import check_numbers
@@ -34,15 +35,17 @@ from deckline_lab.evaluation.integrity_score import (
     FaultRow,
     FaultRun,
     FrameState,
+    Outcome,
     fault_row,
     flags_raised,
     fly_run,
+    outcome,
     settled_frames,
 )
 from deckline_lab.evaluation.store import Store
 from deckline_lab.evaluation.tables import MISSING, TO_TERMINAL, Figures, Output, Table, number, publish
 from deckline_lab.rivals.catalog import flight_from_config
-from deckline_lab.statistics import share_interval
+from deckline_lab.statistics import share_interval, share_interval_of_runs
 from deckline_sim.processes import map_ordered
 from deckline_sim.progress import progress
 from deckline_sim.workers import RayOption, choose_workers
@@ -65,8 +68,9 @@ alert; harmless when no frame misled and no flag came; misleading otherwise. Mis
 follows `ok` guidance alone, as an autopilot should. Left out: frames of which a measurement contradicted the track and
 was not used. Guided: frames without a flag and with a protected centre line; ok: those of them that an autopilot takes;
 ok after {SETTLED_S:g} s: the same share of the guided frames from so long after a flight's first one on.
-Square brackets: 95 % intervals (Clopper and Pearson) of runs or frames taken as independent; frames of one run are not,
-and theirs are too narrow. The same flights carry every fault."""
+Square brackets: 95 % intervals. Of one fault's runs: Clopper and Pearson. Of all faults, which the same flights carry,
+and of frames: a bootstrap over flights, never narrower than for independent runs or frames; where none or all have it,
+Clopper and Pearson's of the flights."""
 
 
 @dataclass(frozen=True)
@@ -204,20 +208,31 @@ def _fly_modelled(runs: Sequence[FaultRun], flights: FlightsConfig, noise: Point
 def integrity_tables(by_fault: Mapping[str, Sequence[Sequence[FrameState]]], alert_s: float) -> list[Table]:
     """Faults, then nominal flights, then which flags were raised: one frame may raise several."""
     rows = {name: fault_row(runs, alert_s) for name, runs in by_fault.items() if not name.startswith(NOMINAL)}
-    tables = [_faults_table(rows)] if rows else []
-    nominal = {name: _count_nominal(runs) for name, runs in by_fault.items() if name.startswith(NOMINAL)}
+    tables = [_faults_table(rows, _share_of_runs(*_good_by_flight(by_fault, alert_s)))] if rows else []
+    nominal = {name: runs for name, runs in by_fault.items() if name.startswith(NOMINAL)}
     if nominal:
         title = f"nominal flights; false alarms on at most {100 * FALSE_ALARMS:g} % of the frames are asked for"
         columns = ("flights", "runs", "frames", *(f"{what}, %" for what in NOMINAL_COUNTS.values()), SETTLED_OK)
-        tables.append(Table(title, columns, [_nominal_cells(name, counts) for name, counts in nominal.items()]))
-    tables += [coverage_table(name, runs) for name, runs in by_fault.items() if name.startswith(NOMINAL)]
+        tables.append(Table(title, columns, [_nominal_cells(name, runs) for name, runs in nominal.items()]))
+    tables += [coverage_table(name, runs) for name, runs in nominal.items()]
     raised = {name: flags_raised(runs) for name, runs in by_fault.items()}
     flags = [(name, ", ".join(f"{flag} {n}" for flag, n in each.items()) or MISSING) for name, each in raised.items()]
     return [*tables, Table("frames by flag", ("fault", "flags"), flags)]
 
 
-def _faults_table(rows: Mapping[str, FaultRow]) -> Table:
-    """One row a fault; the title has all of them together."""
+def _good_by_flight(
+    by_fault: Mapping[str, Sequence[Sequence[FrameState]]], alert_s: float
+) -> tuple[list[int], list[int]]:
+    """Runs that are detected or harmless, and all runs with a fault, of each flight."""
+    faults = [runs for name, runs in by_fault.items() if not name.startswith(NOMINAL)]
+    flights = range(max(map(len, faults)))
+    by_flight = [[runs[number] for runs in faults if number < len(runs)] for number in flights]
+    good = [sum(outcome(run, alert_s) is not Outcome.MISLEADING for run in runs) for runs in by_flight]
+    return good, [len(runs) for runs in by_flight]
+
+
+def _faults_table(rows: Mapping[str, FaultRow], good_share: str) -> Table:
+    """One row a fault; the title has the share of all of them together."""
     cells = []
     for name, row in rows.items():
         if not row.frames:
@@ -226,10 +241,9 @@ def _faults_table(rows: Mapping[str, FaultRow]) -> Table:
         frames = (row.misleading_frames, row.excluding_frames, row.frames - row.lost_frames)
         shares = (f"{100 * count / row.frames:.2f}" for count in frames)
         ok = f"{row.misleading_ok_frames} of {row.ok_frames}"
-        good_share = _share(row.detected + row.harmless, row.runs)
-        cells.append((name, *map(str, counts), good_share, *shares, ok, number(row.delay_s, ".1f")))
-    runs, good = sum(row.runs for row in rows.values()), sum(row.detected + row.harmless for row in rows.values())
-    title = f"faults: {_share(good, runs)}; {100 * GOOD_SHARE:g} % is asked for"
+        good = _share(row.detected + row.harmless, row.runs, share_interval(row.detected + row.harmless, row.runs))
+        cells.append((name, *map(str, counts), good, *shares, ok, number(row.delay_s, ".1f")))
+    title = f"faults: {good_share}; {100 * GOOD_SHARE:g} % is asked for"
     columns = ("fault", "runs", "detected", "harmless", "misleading", "misleading as ok", "detected or harmless, %")
     return Table(
         title,
@@ -238,16 +252,25 @@ def _faults_table(rows: Mapping[str, FaultRow]) -> Table:
     )
 
 
-def _nominal_cells(name: str, counts: Mapping[str, int]) -> tuple[str, ...]:
-    shares = (_share(counts[what], counts["frames"]) for what in NOMINAL_COUNTS)
-    settled = _share(counts["settled_ok"], counts["settled"])
-    return (name, str(counts["runs"]), str(counts["frames"]), *shares, settled)
+def _nominal_cells(name: str, runs: Sequence[Sequence[FrameState]]) -> tuple[str, ...]:
+    by_run = [_count_nominal([run]) for run in runs]
+
+    def cell(what: str, of: str) -> str:
+        return _share_of_runs([counts[what] for counts in by_run], [counts[of] for counts in by_run])
+
+    shares = (cell(what, "frames") for what in NOMINAL_COUNTS)
+    frames = sum(counts["frames"] for counts in by_run)
+    return (name, str(len(runs)), str(frames), *shares, cell("settled_ok", "settled"))
 
 
-def _share(hits: int, trials: int) -> str:
-    if not trials:
+def _share_of_runs(hits: Sequence[int], trials: Sequence[int]) -> str:
+    if not sum(trials):
         return MISSING
-    low, high = share_interval(hits, trials)
+    return _share(sum(hits), sum(trials), share_interval_of_runs(hits, trials, np.random.default_rng(0)))
+
+
+def _share(hits: int, trials: int, interval: tuple[float, float]) -> str:
+    low, high = interval
     return f"{100 * hits / trials:.2f} [{100 * low:.2f}, {100 * high:.2f}]"
 
 

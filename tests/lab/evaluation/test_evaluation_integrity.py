@@ -1,4 +1,5 @@
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -72,6 +73,16 @@ def test_tables_of_known_runs():
     }
     results = {"tables": integrity_tables(by_fault, 1.0), "figures": flat_figures(by_fault, 1.0)}
     check_golden(Path(__file__).parent / "golden" / "integrity.json", results)
+
+
+def test_faults_that_the_same_flights_carry_are_no_new_flights():
+    misled, good = run(9.0, 9.0, 9.0, 9.0), run(0.0, 0.5)
+    titles = []
+    for faults in (("foul line",), ("foul line", "catapult track", "frozen camera")):
+        titles.append(integrity_tables({name: [misled] * 6 + [good] * 6 for name in faults}, 1.0)[0].title)
+    assert titles[0].startswith("faults: 50.00 [") and titles[1].startswith("faults: 50.00 [")
+    low, high = (float(text) for text in re.findall(r"\[(.*?), (.*?)\]", titles[1])[0])
+    assert low < 30 and high > 70  # 36 independent runs: 33 to 67 %
 
 
 def test_a_stopped_command_resumes(tmp_path, capsys):
