@@ -24,7 +24,7 @@ NOTES = """\
 Good: a wire, or a wave-off that had to be. Square brackets: 95 % intervals (Clopper and Pearson). At most: one-sided
 95 % bound; of no event in n landings it is 3 / n. Touchdown: of all landings that touched the deck; along: beyond the
 touchdown point, across: right of the centre line; 1-sigma in brackets. First ok: median distance to the ramp at the
-first `ok` answer of the picture."""
+first `ok` answer of the picture, of the landings that had one; with ok: how many of the cell's landings had one."""
 WEIGHTED_NOTE = """\
 Shares are weighted: estimates of the weighted mean with gamma intervals (Fay and Feuer). Effective: landings of equal
 weight that would give the mean the same variance."""
@@ -88,6 +88,8 @@ class CellSummary:
     touchdown: Touchdown
     first_ok_m: float | None
     """Median distance of the first `ok` answer of the picture, of the landings that had one, m."""
+    ok_landings: int
+    """Landings that had an `ok` answer of the picture."""
 
 
 def read_landings(plan: CampaignPlan, out: Path) -> list[FlownLanding]:
@@ -134,9 +136,11 @@ def summarise_group(
         for event in EVENTS
     }
     effective = float(weights.sum() ** 2 / (weights**2).sum()) if weights.any() else 0.0
-    seen = [landing.first_ok_m for landing in landings if landing.first_ok_m is not None]
-    first_ok = float(np.median(seen)) if seen else None
-    return CellSummary(settings, len(landings), effective, shares, _touchdown(landings), first_ok)
+    first_ok_m = [landing.first_ok_m for landing in landings if landing.first_ok_m is not None]
+    median_m = float(np.median(first_ok_m)) if first_ok_m else None
+    return CellSummary(
+        settings, len(landings), effective, shares, _touchdown(landings), median_m, ok_landings=len(first_ok_m)
+    )
 
 
 def summary_json(cells: Sequence[CellSummary]) -> dict[str, Any]:
@@ -156,8 +160,9 @@ def summary_tables(cells: Sequence[CellSummary], weighted: bool) -> list[Table]:
         texts = (cell.shares[event].text() for event in (GOOD, *seen))
         shares.append((name, *counts, *texts, *(_bound(cell.shares[event]) for event in BOUNDED.values())))
         spreads = (_spread(down.along_m, "+.1f"), _spread(down.across_m, "+.2f"), _spread(down.sink_m_s, ".2f"))
-        places.append((name, str(down.landings), *spreads, number(cell.first_ok_m, ".0f")))
-    of = ("cell", "touchdowns", "along, m", "across, m", "sink, m/s", "first ok, m")
+        first_ok = (number(cell.first_ok_m, ".0f"), f"{cell.ok_landings} of {cell.landings}")
+        places.append((name, str(down.landings), *spreads, *first_ok))
+    of = ("cell", "touchdowns", "along, m", "across, m", "sink, m/s", "first ok, m", "with ok")
     return [Table("outcomes", columns, shares), Table("touchdowns", of, places)]
 
 

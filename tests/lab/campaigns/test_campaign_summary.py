@@ -90,7 +90,13 @@ def test_outcomes_and_touchdowns_of_a_group():
     assert [group.shares[event].hits for event in (GOOD, *Outcome, MISLEADING)] == [4, 3, 0, 2, 1, 0, 0, 0, 1]
     assert group.touchdown.along_m == pytest.approx((4.0, 4.0))
     assert group.touchdown.across_m == pytest.approx((0.0, 1.0))
-    assert (group.touchdown.landings, group.effective, group.first_ok_m) == (3, 6.0, 700.0)
+    assert (group.touchdown.landings, group.effective, group.first_ok_m, group.ok_landings) == (3, 6.0, 700.0, 3)
+    assert summary_tables([group], False)[1].rows[0][-2:] == ("700", "3 of 6")
+
+
+def test_a_cell_without_any_ok_has_no_median_distance():
+    group = summarise_group([replace(WIRE, first_ok_m=None)] * 2, {})
+    assert summary_tables([group], False)[1].rows[0][-2:] == ("-", "0 of 2")
 
 
 def test_weighted_touchdowns_and_effective_landings():
