@@ -65,7 +65,7 @@ class OnnxDehazer:
     prior starts from the geometry dehazer's result of a frame with a pose, and from the image itself without one.
 
     Args:
-        path: file made by `deckline train dehaze`.
+        path: file made by `deckline train dehaze`, or another with the metadata of docs/how/network.md.
         name: for reports; the file's name when not given.
         engine: what computes the network.
         network_only: return the network's result as it is. Otherwise the result of a network with a prior is blended
@@ -91,13 +91,17 @@ class OnnxDehazer:
             raise ValueError(
                 f"{path} is no dehazing network: its metadata have kind {config.get('kind')!r}, expected 'dehaze'"
             )
+        try:
+            network = dict(config["network"])
+            self.working_long_side_px = int(config["working_long_side_px"])
+            self.grid_px = int(network["unshuffle"])
+            self.min_side_px = int(network.get("min_side_px", MIN_SIDE_PX))
+        except (KeyError, TypeError, ValueError) as error:
+            raise ValueError(f"{path}: its metadata have no usable network or working size: {error!r}") from error
         self.coarse = "working" in self.session.input_names
-        self.geometry = GeometryDehazer() if config["network"].get("prior") else None
+        self.geometry = GeometryDehazer() if network.get("prior") else None
         self.network_only = network_only or self.geometry is None
         self.without_pose = without_pose
-        self.working_long_side_px = int(config["working_long_side_px"])
-        self.grid_px = int(config["network"]["unshuffle"])
-        self.min_side_px = int(config["network"].get("min_side_px", MIN_SIDE_PX))
 
     @property
     def cost(self) -> tuple[int, int] | None:

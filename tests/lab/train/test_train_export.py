@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import re
 import runpy
 import tomllib
 from pathlib import Path
@@ -13,6 +14,7 @@ import torch
 from torch import nn
 
 from deckline.config import Engine
+from deckline.dehaze import OnnxDehazer
 from deckline.runtime import load_session, shipped_models, shipped_weights
 from deckline_lab.train.export import NetworkCost, count_parameters, export_onnx, network_cost
 
@@ -24,6 +26,36 @@ def test_export_fixes_the_size_and_leaves_the_model_training_and_no_part_file(tm
     assert [item.name for item in path.parent.iterdir()] == ["relu.onnx"]
     with pytest.raises(ValueError, match=r"relu\.onnx.*5"):
         load_session(path, Engine(threads=1))(x=np.zeros((1, 5), dtype=np.float32))
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_the_page_exports_a_network_that_dehazes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = (Path(__file__).parents[3] / "docs" / "how" / "network.md").read_text(encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    exec(re.findall(r"```python\n(.*?)```", page, re.DOTALL)[1], {"__name__": "page"})
+    dehazer = OnnxDehazer(tmp_path / "mine.onnx", engine=Engine(threads=1))
+    image = np.random.default_rng(0).integers(0, 256, (37, 51, 3), dtype=np.uint8)
+    wanted = np.rint(np.clip((image / 255 - 0.1) / 0.9, 0, 1) * 255)
+    assert np.abs(dehazer(image) - wanted).max() <= 1
+
+
+DAMAGED = (
+    {"working_long_side_px": 640},
+    {"network": {"unshuffle": 1}},
+    {"working_long_side_px": 640, "network": {}},
+    {"working_long_side_px": "wide", "network": {"unshuffle": 1}},
+    {"working_long_side_px": 640, "network": 3},
+)
+
+
+@pytest.mark.parametrize("metadata", DAMAGED)
+def test_a_dehazer_without_its_metadata_is_named(tmp_path: Path, metadata: dict[str, object]) -> None:
+    args = (torch.rand(1, 3, 64, 64),)
+    path = export_onnx(
+        nn.ReLU(), args, tmp_path / "mine.onnx", ["image"], ["clear"], None, {"kind": "dehaze", **metadata}
+    )
+    with pytest.raises(ValueError, match=r"mine\.onnx.*metadata"):
+        OnnxDehazer(path)
 
 
 class PaddedConvolution(torch.nn.Conv2d):
