@@ -61,6 +61,7 @@ NOMINAL_COUNTS = {  # of frames, and what people call them
     "is_ok": "ok",
 }
 SETTLED_OK = f"ok after {SETTLED_S:g} s, %"
+FAULTS_NOTE = "The same flights carry every fault: the interval of all faults is over flights."
 NOTES = f"""\
 A frame misleads when lateral deviation, height above the deck, heading or distance to the ramp is farther off than its
 protection level and no flag is up. A run is detected when a flag came and no stretch misled for longer than the time to
@@ -68,9 +69,9 @@ alert; harmless when no frame misled and no flag came; misleading otherwise. Mis
 follows `ok` guidance alone, as an autopilot should. Left out: frames of which a measurement contradicted the track and
 was not used. Guided: frames without a flag and with a protected centre line; ok: those of them that an autopilot takes;
 ok after {SETTLED_S:g} s: the same share of the guided frames from so long after a flight's first one on.
-Square brackets: 95 % intervals. Of one fault's runs: Clopper and Pearson. Of all faults, which the same flights carry,
-and of frames: a bootstrap over flights, never narrower than for independent runs or frames; where none or all have it,
-Clopper and Pearson's of the flights."""
+Square brackets: 95 % intervals. Of one fault's runs: Clopper and Pearson. Of all faults and of frames: a bootstrap over
+flights, never narrower than for independent runs or frames; where none or all have it, Clopper and Pearson's of the
+flights."""
 
 
 @dataclass(frozen=True)
@@ -249,6 +250,7 @@ def _faults_table(rows: Mapping[str, FaultRow], good_share: str) -> Table:
         title,
         (*columns, "misleading frames, %", "left out, %", "guided, %", "misleading ok frames", "flag after, s"),
         cells,
+        [FAULTS_NOTE],
     )
 
 
