@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from deckline.localize import localize
 from deckline.report.bands import by_band, share
 from deckline.types import SIDES
-from deckline_lab.evaluation.localization_methods import DEHAZED, HAZY, Method
+from deckline_lab.evaluation.localization_methods import DEHAZED, HAZY, PAPERS, Method
 from deckline_lab.evaluation.localization_score import LocalizationScore
 from deckline_lab.evaluation.pilot_errors import STATES
 from deckline_lab.evaluation.tables import MISSING, Figures, Table, number
@@ -34,20 +34,39 @@ PILOT_CELLS = {"lateral": ("lateral_m", "m"), "height": ("height_m", "m"), "head
 USABLE = {"direction_error_deg": 0.3, "lateral_error_m": 1.0}  # our marks of the near and of the far range
 UNIT = "unit alone"
 SEED = 0  # of the intervals' resampling
-NOTES = """\
+TABLE_6, GAINS, REQUIRED = "Table 6", "what dehazing changes", "accuracy asked for"  # titles
+PAIRED = "on the same frames as"  # how a title begins
+USABLE_TITLE = "both lines within {:g} deg and {:g} m at the ramp, in the world".format(*USABLE.values())
+NOTES = {  # how a table's title begins: its explanation
+    TABLE_6: """\
 Table 6: a line is y = slope x + intercept at world z = height (down); the first three columns are means of the
 estimates, "off" are means of the sizes of the errors; all are means over approaches of each approach's mean over its
-frames. found: frames with this line; the others are in no mean. Improvement: 1 - error / error of the first row, of the
-mean sizes of direction or intercept errors, left and right added for "both". What dehazing changes: degrees and metres,
-left and right averaged, of frames in which both rows have both lines. Exact pose: the navigation unit's error taken
-away, in that row alone. Usable: of all frames, those without a
-line counted as of no use; it is no figure of the paper's. Unit alone: lines seen exactly, placed by the navigation
-unit's own wrong position and heading, in every frame. Pilot: errors of the centre line as seen
-from the aircraft, at the touchdown point; what the navigation unit is wrong by about its own position and heading is
-taken out, as a landing follows the picture. A star: as asked for. Consistency: mean of the squared error over its
-covariance of offset, azimuth and height, with its 95 % interval over approaches; 3 is expected, and 95 % inside.
+frames. found: frames with this line after deckline's checks of the lines; the others are in no mean. Exact pose: the
+navigation unit's error taken away, in that row alone.""",
+    "improvement": """\
+Improvement: 1 - error / error of the first row, of the mean sizes of direction or intercept errors, left and right
+added for "both". Each mean is over the frames that its row finds, so that rows compare different frames. Unit alone:
+lines seen exactly, placed by the navigation unit's own wrong position and heading, in every frame: the floor of all
+rows, up to the frames that a row finds.""",
+    GAINS: """\
+What dehazing changes: degrees and metres, left and right averaged, of frames in which both rows have both lines.""",
+    PAIRED: """\
+On the same frames: each detector and the first one in the hazy picture, of frames in which both have both
+lines.""",
+    USABLE_TITLE: """\
+Usable: of all frames, those without a line counted as of no use; it is no figure of the paper's.""",
+    "pilot": """\
+Pilot: errors of the centre line as seen from the aircraft, at the touchdown point; what the navigation unit is wrong by
+about its own position and heading is taken out, as a landing follows the picture.""",
+    REQUIRED: """\
+A star: as asked for.""",
+    "consistency": """\
+Consistency: mean of the squared error over its covariance of offset, azimuth and height, with its 95 % interval over
+approaches; 3 is expected, and 95 % inside.""",
+    "efficiency": """\
 Efficiency: the Cramer-Rao bound's variance for the detected points and their stated noise, over the mean squared
-error."""
+error.""",
+}
 
 
 @dataclass(frozen=True)
@@ -86,11 +105,17 @@ REQUIREMENTS = (  # public figures
 )
 
 
+def notes_of(tables: Iterable[Table]) -> list[str]:
+    """The explanations of these tables, each once, in the order of NOTES."""
+    titles = [table.title for table in tables]
+    return [note for start, note in NOTES.items() if any(title.startswith(start) for title in titles)]
+
+
 def localization_tables(scores: Scores, methods: Sequence[Method]) -> list[Table]:
     """Every table, of the methods in their order."""
     tracked = [method.name for method in methods if method.tracked]
-    gains = dehazing_gains(scores)
-    tables = [table_6(scores), improvements(scores), *([gains] if gains.rows else [])]
+    paired = [table for table in (dehazing_gains(scores), detector_gains(scores)) if table.rows]
+    tables = [table_6(scores), improvements(scores), *paired]
     tables += visible_tables((((name,), visible_figures(members)) for name, members in scores.items()), ("method",))
     tables += [usable_table(scores), _pilot_table("pilot, all frames", scores)]
     for name in tracked:
@@ -154,7 +179,7 @@ def table_6(scores: Scores) -> Table:
             means = line_means(members, side)
             cells = (number(means.get(name), form) for name, form in LINE_CELLS.values())
             rows.append((method, side, f"{100 * found_share(members, side):.1f}", *cells))
-    return Table("Table 6", ("method", "line", "found %", *LINE_CELLS), rows)
+    return Table(TABLE_6, ("method", "line", "found %", *LINE_CELLS), rows)
 
 
 def improvement(means: Sequence[Figures], reference: Sequence[Figures], name: str) -> float:
@@ -193,7 +218,23 @@ def dehazing_gains(scores: Scores) -> Table:
             cells = (_gain_cells(hazy, dehazed, figure, form) for figure, form in GAINED.items())
             rows.append((name.replace(f", {HAZY}", ""), *(f"{100 * each:.1f}" for each in found), *sum(cells, ())))
     headings = (f"{what} {each}" for what in IMPROVED for each in ("hazy", "dehazed", "change [95 %]", "better, %"))
-    return Table("what dehazing changes", ("method", "both found %, hazy", "dehazed", *headings), rows)
+    return Table(GAINS, ("method", "both found %, hazy", "dehazed", *headings), rows)
+
+
+def detector_gains(scores: Scores) -> Table:
+    """What another detector changes in the hazy picture, on the frames in which it and the first have both lines."""
+    reference, first = next(iter(scores.items()))
+    chain = f", {HAZY}, {PAPERS}"
+    rows = []
+    for name, members in scores.items():
+        if name != reference and name.endswith(chain) and reference.endswith(chain):
+            cells = (_gain_cells(first, members, figure, form) for figure, form in GAINED.items())
+            shared = np.mean([_has_both(a) and _has_both(b) for a, b in zip(first, members, strict=True)])
+            rows.append((name, f"{100 * shared:.1f}", *sum(cells, ())))
+    headings = (
+        f"{what} {each}" for what in IMPROVED for each in ("of the first", "here", "change [95 %]", "better, %")
+    )
+    return Table(f"{PAIRED} {reference}", ("method", "frames %", *headings), rows)
 
 
 def _has_both(score: LocalizationScore) -> bool:
@@ -201,11 +242,11 @@ def _has_both(score: LocalizationScore) -> bool:
 
 
 def _gain_cells(
-    hazy: Sequence[LocalizationScore], dehazed: Sequence[LocalizationScore], figure: str, form: str
+    one: Sequence[LocalizationScore], other: Sequence[LocalizationScore], figure: str, form: str
 ) -> tuple[str, ...]:
-    """Mean error hazy and dehazed, their difference with its interval over approaches, and the share that is gone."""
+    """Mean error of both rows, their difference with its interval over approaches, and the share that is gone."""
     runs: dict[int, list[tuple[float, float]]] = {}
-    for pair in zip(hazy, dehazed, strict=True):
+    for pair in zip(one, other, strict=True):
         if all(map(_has_both, pair)):
             before, after = (sum(score.figures[f"{figure}.{side}"] for side in SIDES) / len(SIDES) for score in pair)
             runs.setdefault(pair[0].approach, []).append((before, after))
@@ -255,9 +296,7 @@ def usable_table(scores: Scores) -> Table:
     for name, members in scores.items():
         fewer = unusable_improvement(members, scores[reference])
         rows.append((name, str(len(members)), number(100 * usable_share(members), ".1f"), number(100 * fewer, ".1f")))
-    deg, metres = USABLE.values()
-    title = f"both lines within {deg:g} deg and {metres:g} m at the ramp, in the world"
-    return Table(title, ("method", "frames", "usable %", f"fewer not usable than {reference}, %"), rows)
+    return Table(USABLE_TITLE, ("method", "frames", "usable %", f"fewer not usable than {reference}, %"), rows)
 
 
 def _pilot_table(title: str, groups: Mapping[str, Sequence[LocalizationScore]]) -> Table:
@@ -294,7 +333,7 @@ def accuracy_table(scores: Scores) -> Table:
         rows.append(
             (required.name, f"{low:g}-{high:g} m", f"{required.limit:.3g} {required.unit}", required.source, *cells)
         )
-    return Table("accuracy asked for", ("error", "range", "limit", "from", UNIT, *scores), rows)
+    return Table(REQUIRED, ("error", "range", "limit", "from", UNIT, *scores), rows)
 
 
 def consistency_table(scores: Scores) -> Table:

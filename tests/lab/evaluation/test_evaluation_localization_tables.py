@@ -9,9 +9,11 @@ from deckline.types import SIDES
 from deckline_lab.evaluation.localization_methods import point_methods
 from deckline_lab.evaluation.localization_score import LocalizationScore
 from deckline_lab.evaluation.localization_tables import (
+    NOTES,
     REQUIREMENTS,
     USABLE,
     dehazing_gains,
+    detector_gains,
     efficiency,
     flat_figures,
     found_share,
@@ -19,12 +21,14 @@ from deckline_lab.evaluation.localization_tables import (
     line_means,
     localization_tables,
     measure_required,
+    notes_of,
     run_mean,
     unusable_improvement,
     usable_share,
     visible_figures,
 )
 from deckline_lab.evaluation.pictures import medians_by_range, write_figure
+from deckline_lab.evaluation.tables import Table
 from golden import check_golden
 
 GOLDEN = Path(__file__).parent / "golden"
@@ -71,19 +75,36 @@ def test_usable_frames_have_both_lines_and_none_is_left_out():
     assert np.isnan(unusable_improvement(plain, [score(**good)]))
 
 
-def test_dehazing_is_counted_where_both_rows_have_both_lines():
+def errors_seen(errors):
+    """Scores of a method's frames, an approach each, by its errors of direction; None: no line."""
+
     def seen(method, index, error):
         figures = {f"slope.{side}": 0.0 for side in SIDES if error is not None}
         figures |= {f"direction_error_deg.{side}": error for side in SIDES if error is not None}
         figures |= {f"intercept_error_m.{side}": 2.0 for side in SIDES if error is not None}
         return LocalizationScore(index, 0, method, 100.0, 800.0, "coarse", figures)
 
+    return {name: [seen(name, k, each) for k, each in enumerate(values)] for name, values in errors.items()}
+
+
+def test_dehazing_is_counted_where_both_rows_have_both_lines():
     errors = {"a, hazy, x": (0.4, 0.2, None, 9.0), "a, dehazed, x": (0.1, 0.2, 0.3, None), "b, hazy": (1.0,) * 4}
-    scores = {name: [seen(name, k, each) for k, each in enumerate(values)] for name, values in errors.items()}
-    (row,) = dehazing_gains(scores).rows
+    (row,) = dehazing_gains(errors_seen(errors)).rows
     assert row[:3] == ("a, x", "75.0", "75.0")
     assert row[3:5] == ("0.3000", "0.1500") and row[5].startswith("-0.1500 [") and row[6] == "50.0"
     assert row[7:9] == ("2.000", "2.000") and row[10] == "0.0"
+
+
+def test_detectors_are_compared_where_both_have_both_lines():
+    """Over their own frames both have the same mean; on the two frames of both b has half of a's."""
+    errors = {"a, hazy, paper's": (0.4, 0.2, None, None), "b, hazy, paper's": (0.2, 0.1, 0.3, 0.6)}
+    others = {"b, hazy, paper's, exact pose": (0.1,) * 4, "b, dehazed, paper's": (0.1,) * 4}
+    table = detector_gains(errors_seen(errors | others))
+    ((name, shared, first, here, change, better, *intercept),) = table.rows
+    assert (name, shared, first, here, better) == ("b, hazy, paper's", "50.0", "0.3000", "0.1500", "50.0")
+    assert change.startswith("-0.1500 [") and intercept[:2] == ["2.000", "2.000"]
+    assert len(table.columns) == 10 and table.title.endswith("a, hazy, paper's")
+    assert detector_gains(errors_seen(others)).rows == []
 
 
 def test_efficiency_is_the_bound_over_the_mean_square():
@@ -144,6 +165,13 @@ def mixed_scores() -> dict[str, list[LocalizationScore]]:
 def test_tables_and_figures_of_known_scores(name, scores):
     results = {"tables": localization_tables(scores, METHODS), "figures": flat_figures(scores)}
     check_golden(GOLDEN / f"localization_{name}.json", results)
+
+
+def test_every_note_explains_a_table_that_is_there():
+    tables = localization_tables(all_scores(), METHODS)
+    assert len(notes_of(tables)) == len(NOTES) - 2  # no row has a hazy or a dehazed picture
+    assert notes_of([Table("what dehazing changes", (), [])] * 2) == [NOTES["what dehazing changes"]]
+    assert notes_of([Table("protection", (), [])]) == []
 
 
 def test_pictures_are_drawn(tmp_path):

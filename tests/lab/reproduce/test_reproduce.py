@@ -11,6 +11,7 @@ from deckline.recording.images import read_image
 from deckline_lab.ablation import rows
 from deckline_lab.ablation.rows import ROWS
 from deckline_lab.evaluation import dehazers, visible_distance
+from deckline_lab.evaluation.localization_tables import PAIRED, USABLE_TITLE, notes_of
 from deckline_lab.evaluation.tables import Table, read_saved
 from deckline_lab.reproduce import figures, line_figures, runs, table4, table5, table6
 from deckline_lab.reproduce.command import SAVED
@@ -131,11 +132,20 @@ def test_the_papers_improvement_is_computed_from_its_errors():
     columns = [f"{what} {side}" for what in ("direction", "intercept") for side in ("left", "right", "both")]
     given = [lines, Table("improvement", ("method", *columns), []), Table("", (), []), Table("pilot", (), [])]
     lines, improved, _ = with_paper_6(given)
-    assert with_paper_6([*given, Table(visible_distance.TITLE, (), [])])[3].title == visible_distance.TITLE
+    wanted = [f"{PAIRED} ufld", visible_distance.TITLE, USABLE_TITLE]
+    chosen = with_paper_6([*given, *(Table(title, (), []) for title in (*wanted, "consistency"))])
+    assert [table.title for table in chosen[3:]] == wanted
     assert lines.rows[0] == ["the paper, without dehazing", "left", "0.15", "9.25", "8.5456"]
     paper = dict(zip(improved.columns, improved.rows[-1], strict=True))
     assert float(paper["direction both"]) == pytest.approx(100 * (1 - 1.3906 / 12.5405), abs=0.05)
     assert float(paper["intercept left"]) == pytest.approx(80.0, abs=0.05)
+
+
+def test_the_notes_of_table_6_explain_its_tables_alone():
+    saved = read_saved(SAVED / "table6.json")
+    starts = [note.split(":")[0] for note in saved.notes]
+    assert starts == ["Table 6", "Improvement", "What dehazing changes"]
+    assert saved.notes == notes_of(saved.tables)
 
 
 def test_table_6_is_trained_flown_and_drawn(tmp_path, no_tiles, called, monkeypatch, capsys):
@@ -153,7 +163,10 @@ def test_table_6_is_trained_flown_and_drawn(tmp_path, no_tiles, called, monkeypa
     assert main(command) == 0
     trained = [words[words.index("--network") + 1] for words in called if words[0] == "train"]
     assert trained == ["sad-lite0", "hybrid", "coarse-t"]
-    lines, improved, _, approaches, views = read_saved(tmp_path / "table6.json").tables
+    saved = read_saved(tmp_path / "table6.json")
+    lines, improved, _, paired, usable, approaches, views = saved.tables
+    assert paired.title.startswith(PAIRED)
+    assert usable.title == USABLE_TITLE and any(note.startswith("Usable:") for note in saved.notes)
     methods = [
         "true",
         *("sad, hazy, paper's", "sad, dehazed, paper's", "ours, hazy, paper's", "ours, dehazed, paper's"),
