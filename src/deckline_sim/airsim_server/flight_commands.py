@@ -28,7 +28,8 @@ LANDING_PER_S, LANDING_M_S = 0.3, (0.5, 5.0)  # speed of descent for each metre 
 TURNED_RAD_S = 0.01  # a slower turn has ended
 MOST_LEAN_DEG = 25.0  # commanded: 4.6 m/s^2 of the vehicle's largest acceleration
 MAX_POINTS, MOST_M, MOST_M_S, MOST_DEG = 10_000, 1e6, 1e4, 1e6
-FORWARD_ONLY = 1  # of AirSim's DrivetrainType: the nose to the direction of flight
+DRIVETRAINS = (0, 1)  # AirSim's MaxDegreeOfFreedom; ForwardOnly: the nose to the direction of flight
+ADAPTIVE = 1.0  # AirSim's default: the cross-track error lengthens the lookahead by its whole
 
 Maker = Callable[[Vehicle], VehicleCommand]
 RATE_ZERO: Mapping[str, Any] = {"is_rate": True, "yaw_or_rate": 0.0}
@@ -63,8 +64,9 @@ async def land(service: Service, timeout: float = 60.0, vehicle: str = "") -> bo
 
 
 async def go_home(service: Service, timeout: float = LONG_S, vehicle: str = "") -> bool:
-    """To the world's origin."""
-    return await fly(service.world, lambda body: follow(body, [np.zeros(3)], HOME_M_S, read_timeout(timeout)))
+    """To where the vehicle started."""
+    world = service.world
+    return await fly(world, lambda body: follow(body, [world.home_m], HOME_M_S, read_timeout(timeout)))
 
 
 async def hover(service: Service, vehicle: str = "") -> bool:
@@ -86,6 +88,8 @@ async def move_on_path(
 ) -> bool:
     if not isinstance(path, list) or not 0 < len(path) <= MAX_POINTS:
         raise ValueError(f"path must be a list of 1 to {MAX_POINTS} positions, got {quote(path)}")
+    if adaptive != ADAPTIVE:
+        raise ValueError(f"adaptive_lookahead must be {ADAPTIVE:g}: nothing else is supported, got {adaptive!r:.40}")
     points = [read_vector(point, "path", MOST_M) for point in path]
     yaw = read_yaw(yaw_mode, drivetrain)
     ahead_m, speed = read_number(lookahead, "lookahead", -1.0, MOST_M), read_number(speed, "velocity", 0.01, MOST_M_S)
@@ -113,7 +117,7 @@ async def move_to_point(
     point = {"x_val": x, "y_val": y, "z_val": z}
     if geographic:
         point = vector_struct(read_geo(x, y, z, service.world.settings.origin))
-    return await move_on_path(service, [point], speed, timeout, drivetrain, yaw_mode, lookahead)
+    return await move_on_path(service, [point], speed, timeout, drivetrain, yaw_mode, lookahead, adaptive)
 
 
 async def move_to_z(
@@ -128,7 +132,7 @@ async def move_to_z(
 ) -> bool:
     """Over the present position."""
     x, y, _ = service.world.vehicle.read().pose.translation.tolist()
-    return await move_to_point(service, x, y, z, speed, timeout, 0, yaw_mode, lookahead)
+    return await move_to_point(service, x, y, z, speed, timeout, 0, yaw_mode, lookahead, adaptive)
 
 
 async def move_by_velocity(
@@ -236,10 +240,12 @@ def read_timeout(value: Any) -> float:
 
 def read_yaw(mode: Any, drivetrain: Any) -> Yaw:
     """A YawMode and a DrivetrainType."""
+    if isinstance(drivetrain, bool) or drivetrain not in DRIVETRAINS:
+        raise ValueError(f"drivetrain must be 0 (MaxDegreeOfFreedom) or 1 (ForwardOnly), got {drivetrain!r:.40}")
     mode = mode if isinstance(mode, Mapping) else {}
     is_rate = read_flag(mode.get("is_rate"), "yaw_mode.is_rate")
     angle = math.radians(read_number(mode.get("yaw_or_rate"), "yaw_mode.yaw_or_rate", -MOST_DEG, MOST_DEG))
-    return Yaw(is_rate, angle, along=drivetrain == FORWARD_ONLY)
+    return Yaw(is_rate, angle, along=bool(drivetrain))
 
 
 FLIGHT: dict[str, Callable[..., Any]] = {

@@ -83,6 +83,11 @@ def find(names: list[str], pattern: str, is_regex: bool) -> list[str]:
     return [name for name in names if expression.fullmatch(name)]
 
 
+def matches_wildcard(name: str, pattern: str) -> bool:
+    """Whether a name matches a pattern with * and ?, upper and lower case alike, as Unreal compares them."""
+    return fnmatchcase(name.lower(), pattern.lower().replace("[", "[[]"))
+
+
 def segmented_names(world: World) -> dict[str, Label]:
     """The objects that segmentation pictures show, and their pixels' label."""
     return {surface_name(world): Label.SURFACE} | OWN_LABEL
@@ -114,7 +119,7 @@ def detections(world: World, camera: str, image_type: int) -> list[Struct]:
     mount_from_world = (state.world_from_body * world.mount(camera, state)).inv()
     ship, found = world.ship_pose(time_s), []
     for name, labels in LABELS.items():
-        if not any(fnmatchcase(name, pattern) for pattern in wanted.names):
+        if not any(matches_wildcard(name, pattern) for pattern in wanted.names):
             continue
         relative = mount_from_world * ship
         rows, columns = np.nonzero(np.isin(seen, labels))

@@ -1,7 +1,7 @@
 """The calls that the server answers, by name. Each gets the service and the call's parameters.
 
 A ValueError becomes the call's error answer; so does a wrong number of parameters, or another `vehicle` than the
-world's. Parameters of AirSim that make no difference here are accepted and ignored.
+world's, and an argument that asks for what is not simulated.
 """
 
 import asyncio
@@ -79,7 +79,9 @@ async def run_for(service: Service, seconds: float) -> None:
 
 
 def set_pose(service: Service, pose: Any, ignore_collision: bool = True, vehicle: str = "") -> None:
-    """Set the vehicle's pose; a position or orientation with NaN stays as it is."""
+    """Set the vehicle's pose; a position or orientation with NaN stays as it is. It stays there until it flies."""
+    if not read_flag(ignore_collision, "ignore_collision"):
+        raise ValueError("ignore_collision False is not supported: the vehicle is put at the pose, whatever is there")
     service.world.vehicle.place(read_near_pose(pose, service.world.state.world_from_body))
 
 
@@ -167,7 +169,9 @@ def set_time_of_day(
         return
     daylight_saving = read_flag(daylight_saving, "is_start_datetime_dst")
     date = datetime.now() if start == "" else read_time(start, daylight_saving)
-    speed = read_number(speed, "celestial_clock_speed", 0.0, 1e6) if move_sun else 0.0
+    if not read_flag(move_sun, "move_sun"):
+        raise ValueError("move_sun False is not supported: celestial_clock_speed 0 holds the sun at the date and time")
+    speed = read_number(speed, "celestial_clock_speed", 0.0, 1e6)
     step_s = read_number(step_s, "update_interval_secs", 1e-3, 1e6)
     service.world.change(solar_clock=SolarClock(date, service.world.clock.seconds(), speed, step_s))
 
@@ -190,7 +194,7 @@ METHODS: dict[str, Callable[..., Any]] = {
     "simGetGroundTruthKinematics": lambda service, vehicle="": kinematics_struct(service.world.vehicle.read()),
     "getMultirotorState": get_multirotor,
     "simGetCollisionInfo": get_collision,
-    "getHomeGeoPoint": lambda service, vehicle="": geo_struct((0.0, 0.0, 0.0), service.world.settings.origin),
+    "getHomeGeoPoint": lambda service, vehicle="": geo_struct(service.world.home_m, service.world.settings.origin),
     "simGetImages": get_all_images,
     "simGetImage": get_image,
     "simGetCameraInfo": get_camera,
@@ -231,6 +235,8 @@ async def call_method(service: Service, method: str, params: tuple[Any, ...]) ->
     try:
         if (vehicle := arguments.get("vehicle", "")) not in ("", own):
             raise ValueError(f"no vehicle {vehicle!r:.60}; there is {own!r}")
+        if read_flag(arguments.get("external", False), "external"):
+            raise ValueError("external True is not supported: all cameras are the vehicle's")
         result = METHODS[method](service, *params)
         return await result if inspect.isawaitable(result) else result
     except ValueError as error:

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from deckline.adapters.airsim.protocol import read_number
+from deckline.adapters.airsim.protocol import read_flag, read_number
 from deckline_sim.airsim_server import objects
 from deckline_sim.airsim_server.image_requests import read_image_type
 from deckline_sim.airsim_server.kinematics import VehicleMotion
@@ -21,6 +21,8 @@ def list_objects(service: Service, name_regex: str = ".*") -> list[str]:
 
 def get_object_pose(service: Service, name: str, ned: bool = True) -> Struct:
     """The pose now; NaN for an object that is not there, as AirSim answers."""
+    if not read_flag(ned, "ned"):
+        raise ValueError("ned False is not supported: poses are in metres, North-East-Down")
     pose = objects.object_pose(service.world, name, *service.world.snapshot())
     if pose is None:
         service.log(f"simGetObjectPose: no object {name!r:.60}; there are {', '.join(list_objects(service))}")
@@ -33,7 +35,7 @@ def set_object_id(service: Service, name: str, number: int, is_regex: bool = Fal
     if isinstance(number, bool) or not isinstance(number, int) or not -1 <= number <= objects.MOST_ID:
         raise ValueError(f"an object's ID is a number between -1 and {objects.MOST_ID}, got {number!r:.40}")
     ids = objects.object_ids(service.world, service.world.state)
-    named = objects.find(list(ids), name, is_regex)
+    named = objects.find(list(ids), name, read_flag(is_regex, "is_name_regex"))
     service.world.change(object_ids=ids | dict.fromkeys(named, number))
     return bool(named)
 
@@ -55,15 +57,17 @@ def set_filter(
 def add_filter_name(
     service: Service, camera: Any, image_type: int, name: str, vehicle: str = "", annotation: Any = ""
 ) -> None:
-    """A name with * and ?."""
+    """A name with * and ?, upper and lower case alike."""
     if not isinstance(name, str) or len(name) > objects.LONGEST:
         raise ValueError(f"mesh_name has at most {objects.LONGEST} characters, got {str(name)[:40]!r}")
-    set_filter(
-        service,
-        camera,
-        image_type,
-        lambda old: replace(old, names=tuple(dict.fromkeys((name, *old.names)))[:MOST_FILTER_NAMES]),
-    )
+
+    def add(old: objects.DetectionFilter) -> objects.DetectionFilter:
+        names = tuple(dict.fromkeys((name, *old.names)))
+        if len(names) > MOST_FILTER_NAMES:
+            raise ValueError(f"a filter has at most {MOST_FILTER_NAMES} mesh names: call simClearDetectionMeshNames")
+        return replace(old, names=names)
+
+    set_filter(service, camera, image_type, add)
 
 
 def set_filter_radius(
@@ -85,9 +89,15 @@ async def get_detections(
     return found
 
 
-def read_sensor(service: Service, measure: Callable[[SimulatedSensors, VehicleMotion, float], Struct]) -> Struct:
-    motion = service.world.vehicle.read()
-    return service.sensors.read(measure.__name__, motion, lambda *args: measure(service.sensors, *args))
+def sensor_method(measure: Callable[[SimulatedSensors, VehicleMotion, float], Struct]) -> Callable[..., Struct]:
+    """The call that reads a sensor, by one of its names or without one."""
+
+    def read(service: Service, name: Any = "", vehicle: str = "") -> Struct:
+        service.world.settings.check_sensor(measure.__name__, str(name))
+        motion = service.world.vehicle.read()
+        return service.sensors.read(measure.__name__, motion, lambda *args: measure(service.sensors, *args))
+
+    return read
 
 
 async def get_distance(service: Service, name: Any = "", vehicle: str = "") -> Struct:
@@ -111,7 +121,7 @@ def get_environment(service: Service, vehicle: str = "") -> Struct:
     return environment_struct(service.world.vehicle.read(), service.world.settings.origin)
 
 
-# The sensors but the distance sensors are one of a kind, whatever they are called.
+# The sensors but the distance sensors are one of a kind, which several names may have.
 SCENE_METHODS: dict[str, Callable[..., Any]] = {
     "simListSceneObjects": list_objects,
     "simGetObjectPose": get_object_pose,
@@ -121,10 +131,10 @@ SCENE_METHODS: dict[str, Callable[..., Any]] = {
     "simSetDetectionFilterRadius": set_filter_radius,
     "simClearDetectionMeshNames": clear_filter,
     "simGetDetections": get_detections,
-    "getImuData": lambda service, name="", vehicle="": read_sensor(service, SimulatedSensors.imu),
-    "getGpsData": lambda service, name="", vehicle="": read_sensor(service, SimulatedSensors.gps),
-    "getBarometerData": lambda service, name="", vehicle="": read_sensor(service, SimulatedSensors.barometer),
-    "getMagnetometerData": lambda service, name="", vehicle="": read_sensor(service, SimulatedSensors.magnetometer),
+    "getImuData": sensor_method(SimulatedSensors.imu),
+    "getGpsData": sensor_method(SimulatedSensors.gps),
+    "getBarometerData": sensor_method(SimulatedSensors.barometer),
+    "getMagnetometerData": sensor_method(SimulatedSensors.magnetometer),
     "getDistanceSensorData": get_distance,
     "simSetDistanceSensorPose": set_distance_pose,
     "simGetGroundTruthEnvironment": get_environment,

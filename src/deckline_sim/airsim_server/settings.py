@@ -12,6 +12,7 @@ from scipy.spatial.transform import RigidTransform
 from deckline.adapters.airsim.protocol import read_flag, read_number
 from deckline.files import MOST_CONFIG_BYTES, parse_plain, read_regular
 from deckline.geometry import attitude
+from deckline_sim.airsim_server.unused_settings import DISTANCE, MOUNT_KEYS, SENSOR_TYPES, unused_settings
 
 VEHICLE = "SimpleFlight"  # AirSim's own name of a multirotor that settings.json does not name
 SCENE, PLANAR, PERSPECTIVE, DEPTH_VIS, SEGMENTATION, NORMALS = 0, 1, 2, 3, 5, 6  # image types
@@ -30,12 +31,6 @@ MOUNTS = {
 ALIASES = {"0": "front_center", "1": "front_right", "2": "front_left", "3": "bottom_center", "4": "back_center"}
 LEVEL = (0.0, 0.0, 0.0)  # as a mount
 ORIGIN = (47.641468, -122.140165, 122.0)  # latitude, deg, longitude, deg, altitude, m: AirSim's
-USED = (
-    *("SettingsVersion", "SeeDocsAt", "SimMode", "ClockSpeed", "OriginGeopoint"),
-    *("CameraDefaults", "Vehicles", "Recording"),
-)
-START = ("X", "Y", "Z", "Roll", "Pitch", "Yaw")  # a vehicle's place in the world, m and deg
-DISTANCE = 5  # AirSim's SensorType; the other sensors are always there
 
 
 @dataclass(frozen=True)
@@ -78,6 +73,7 @@ class AirSimSettings:
     distances: Mapping[str, DistanceSetting] = field(
         default_factory=lambda: {"Distance": DistanceSetting(RigidTransform.identity())}
     )
+    sensors: Mapping[str, str] = field(default_factory=lambda: {kind: kind for kind in SENSOR_TYPES})  # kind by name
     clock_speed: float = 1.0  # simulated seconds in a second
     interval_s: float = 0.05  # between two recorded frames
     on_move: bool = False  # record only what differs in pose
@@ -90,6 +86,12 @@ class AirSimSettings:
         if name and name not in self.distances:
             raise ValueError(f"no distance sensor {name[:40]!r}; there are {', '.join(self.distances)}")
         return name or next(iter(self.distances))
+
+    def check_sensor(self, kind: str, name: str) -> None:
+        """Raise a ValueError for a name that no sensor of a kind has."""
+        if name and self.sensors.get(name) != kind:
+            names = ", ".join(own for own in self.sensors if self.sensors[own] == kind)
+            raise ValueError(f"no {kind} {name[:40]!r}; there are {names}")
 
     def find_camera(self, name: str) -> str:
         """A camera's own name, of a name or a number; a ValueError when there is none."""
@@ -128,16 +130,17 @@ def parse_settings(values: Mapping[str, Any], default: CaptureSetting, text: str
         camera = _mapping(camera, place)
         key = ALIASES.get(name, name)
         cameras[key] = CameraSetting(_mount(camera, MOUNTS.get(key, LEVEL), place), _captures(camera, common, place))
-    unused = [key for key in values if key not in USED]
-    unused += [f"Vehicles.{vehicle}.{key}" for key in own if key not in ("Cameras", "VehicleType", "Sensors", *START)]
-    start = _mount(own, LEVEL, f"Vehicles.{vehicle}") if any(key in own for key in START) else None
+    start = _mount(own, LEVEL, f"Vehicles.{vehicle}") if any(key in own for key in MOUNT_KEYS) else None
     speed = read_number(values.get("ClockSpeed", 1.0), "ClockSpeed", 1e-3, 100.0)
-    settings = AirSimSettings(
-        cameras, vehicle, _origin(values), start, clock_speed=speed, text=text, unused=tuple(unused)
-    )
-    if distances := _distances(_mapping(own.get("Sensors", {}), "Sensors")):
+    settings = AirSimSettings(cameras, vehicle, _origin(values), start, clock_speed=speed, text=text)
+    sensors = _mapping(own.get("Sensors", {}), "Sensors")
+    if distances := _distances(sensors):
         settings = replace(settings, distances=distances)
-    return _recording(settings, _mapping(values.get("Recording", {}), "Recording"))
+    numbers = {name: sensor.get("SensorType") for name, sensor in sensors.items()}
+    named = {name: kind for name in numbers for kind, number in SENSOR_TYPES.items() if numbers[name] == number}
+    settings = replace(settings, sensors=settings.sensors | named)
+    settings = _recording(settings, _mapping(values.get("Recording", {}), "Recording"))
+    return replace(settings, unused=unused_settings(values, vehicle))
 
 
 def _recording(settings: AirSimSettings, values: Mapping[str, Any]) -> AirSimSettings:

@@ -90,6 +90,11 @@ class World:
         self.vehicle.reset()
 
     @property
+    def home_m(self) -> NDArray[np.float64]:
+        """The vehicle's start (3,), world NED: AirSim's home."""
+        return np.array(self._start.world_from_body.translation)
+
+    @property
     def state(self) -> WorldState:
         """The state now."""
         return self.snapshot()[0]

@@ -158,6 +158,14 @@ def test_fog_and_night_are_those_of_the_simulator(client):
         ),
         (lambda c: c.simSetTimeOfDay(True, "noon"), "noon"),
         (lambda c: c.simSetVehiclePose(airsim.Pose(airsim.Vector3r(1e7, 0, 0)), True), r"position.*1e\+06"),
+        (lambda c: c.simSetVehiclePose(airsim.Pose(), False), "ignore_collision False"),
+        (lambda c: c.simSetTimeOfDay(True, move_sun=False), "move_sun False.*celestial_clock_speed"),
+        (lambda c: c.simGetObjectPose("Deck", ned=False), "ned False"),
+        (lambda c: c.client.call("simGetImage", "0", 0, "", "", True), "external True"),
+        (lambda c: c.client.call("simGetCameraInfo", "0", "", True), "external True"),
+        (lambda c: c.getImuData("Imu2"), "no imu 'Imu2'; there are imu$"),
+        (lambda c: c.getBarometerData("gps"), "no barometer 'gps'"),
+        (lambda c: c.simSetSegmentationObjectID("Deck", 3, 1), "is_name_regex.*1"),
     ],
 )
 def test_wrong_calls_get_an_error_and_the_next_one_an_answer(client, call, says):

@@ -72,6 +72,10 @@ def test_a_settings_file_is_read_as_airsim_does(tmp_path):
     assert settings.clock_speed == 5.0
     np.testing.assert_allclose(settings.start.translation, [4.0, 0.0, 0.0])
     np.testing.assert_allclose(settings.start.rotation.apply([1.0, 0.0, 0.0]), [0.0, 1.0, 0.0], atol=1e-12)
+    settings.check_sensor("imu", "Imu")
+    settings.check_sensor("imu", "")
+    with pytest.raises(ValueError, match=r"no gps 'Imu'; there are gps$"):
+        settings.check_sensor("gps", "Imu")
     assert settings.find_distance("") == "Radar" and settings.distances["Radar"].farthest_m == 120.0
     np.testing.assert_allclose(settings.distances["Radar"].mount.rotation.apply([1.0, 0.0, 0.0]), [0, 0, 1], atol=1e-12)
     with pytest.raises(ValueError, match=r"'x'.*Radar"):
@@ -88,6 +92,34 @@ def test_a_settings_file_is_read_as_airsim_does(tmp_path):
     np.testing.assert_allclose(turned.rotation.apply([1.0, 0.0, 0.0]), [np.sqrt(0.75), 0.5, 0.0], atol=1e-12)
     np.testing.assert_allclose(turned.translation, parse_settings({}, USUAL).cameras["front_right"].mount.translation)
     assert "1" not in settings.cameras
+
+
+UNUSED = [
+    ({"Wind": {"X": 5}}, ["Wind"]),
+    ({"SimMode": "Car"}, ["SimMode 'Car'"]),
+    ({"OriginGeopoint": {"Latitude": 1, "Height": 2}}, ["OriginGeopoint.Height"]),
+    ({"CameraDefaults": {"X": 1, "CaptureSettings": []}}, ["CameraDefaults.X"]),
+    ({"CameraDefaults": {"CaptureSettings": [{"TargetGamma": 1}]}}, ["CameraDefaults.CaptureSettings.TargetGamma"]),
+    ({"Recording": {"Enabled": True, "Folder": "/"}}, ["Recording.Enabled", "Recording.Folder"]),
+    ({"Recording": {"Enabled": False, "Cameras": [{"CameraName": "0", "ImageType": 1}]}}, []),
+    ({"Recording": {"Cameras": [{"ImageType": 5}, {"CameraName": "3"}]}}, ["Recording.Cameras '3'", "ImageType '5'"]),
+    ({"Vehicles": {"A": {"VehicleType": "simpleflight"}}}, []),
+    ({"Vehicles": {"A": {"VehicleType": "PX4Multirotor"}}}, ["Vehicles.A.VehicleType 'PX4Multirotor'"]),
+    ({"Vehicles": {"A": {"Cameras": {"c": {"Gimbal": {}, "X": 1}}}}}, ["Vehicles.A.Cameras.c.Gimbal"]),
+    ({"Vehicles": {"A": {"Sensors": {"L": {"SensorType": 6}}}}}, ["Vehicles.A.Sensors.L"]),
+    ({"Vehicles": {"A": {"Sensors": {"L": {"SensorType": []}}}}}, ["Vehicles.A.Sensors.L"]),
+    ({"Vehicles": {"A": {"Sensors": {"G": {"SensorType": 3, "Enabled": False}}}}}, ["Vehicles.A.Sensors.G.Enabled"]),
+    (
+        {"Vehicles": {"A": {"Sensors": {"D": {"SensorType": 5, "Enabled": True, "Yaw": 1, "DrawDebugPoints": True}}}}},
+        ["Vehicles.A.Sensors.D.DrawDebugPoints"],
+    ),
+]
+
+
+@pytest.mark.parametrize(("values", "names"), UNUSED)
+def test_what_settings_ask_for_in_vain_is_named(values, names):
+    unused = parse_settings(values, USUAL).unused
+    assert len(unused) == len(names) and all(name.endswith(own) for name, own in zip(unused, names, strict=True))
 
 
 @pytest.mark.parametrize(

@@ -69,6 +69,16 @@ def test_takes_off_moves_hovers_turns_and_lands(pilot):
     np.testing.assert_allclose(place(pilot), point - [0.0, 0.0, 0.3], atol=0.35)
 
 
+def test_home_is_where_the_vehicle_started(pilot):
+    start, home = place(pilot), pilot.getHomeGeoPoint()
+    assert np.linalg.norm(start) > 50.0  # not the world's origin
+    assert vars(home) == pytest.approx(vars(pilot.getMultirotorState().gps_location))
+    put(pilot, *np.add(start, [20.0, -10.0, -5.0]))
+    assert vars(pilot.getHomeGeoPoint()) == vars(home)
+    assert pilot.goHomeAsync().get() is True
+    np.testing.assert_allclose(place(pilot), start, atol=0.25)
+
+
 def test_velocities_are_in_the_world_or_the_body(pilot):
     for call, moved in (
         (lambda: pilot.moveByVelocityAsync(3, 0, -1, 4), [12, 0, -4]),
@@ -157,6 +167,9 @@ def test_what_may_not_fly_raises_and_join_passes_it_on_to_the_next_call(client):
         (lambda: client.moveOnPathAsync([], 5), "1 to 10000"),
         (lambda: client.moveToPositionAsync(0, 0, 0, 5, lookahead=0), "lookahead"),
         (lambda: client.moveByVelocityAsync(1e9, 0, 0, 1), "vx"),
+        (lambda: client.moveByVelocityAsync(1, 0, 0, 1, drivetrain=2), "drivetrain.*2"),
+        (lambda: client.moveToPositionAsync(0, 0, 0, 5, adaptive_lookahead=0), "adaptive_lookahead.*0"),
+        (lambda: client.moveToZAsync(-50, 5, adaptive_lookahead=0.5), r"adaptive_lookahead.*0\.5"),
     ):
         with pytest.raises(Exception, match=says):
             call().get()
@@ -199,7 +212,9 @@ def test_the_deck_is_detected_where_it_is_seen(client):
     put(client, *(deck_point(client, "Ramp") - [-150.0, 25.0, 40.0]), yaw=COURSE_RAD)
     scene = airsim.ImageType.Scene
     assert client.simGetDetections("0", scene) == []
-    client.simAddDetectionFilterMeshName("0", scene, "De*")
+    client.simAddDetectionFilterMeshName("0", scene, "de[ck]*")  # no set of letters
+    assert client.simGetDetections("0", scene) == []
+    client.simAddDetectionFilterMeshName("0", scene, "dE*")
     (deck,) = client.simGetDetections("0", scene)
     assert deck.name == "Deck"
     box = deck.box2D
@@ -210,6 +225,10 @@ def test_the_deck_is_detected_where_it_is_seen(client):
     assert deck.box3D.min.x_val < 160.0 < deck.box3D.max.x_val
     client.simSetDetectionFilterRadius("0", scene, 100 * 100)
     assert client.simGetDetections("0", scene) == []
+    for number in range(14):
+        client.simAddDetectionFilterMeshName("0", scene, f"Cube{number}")
+    with pytest.raises(Exception, match="16 mesh names"):
+        client.simAddDetectionFilterMeshName("0", scene, "Cube14")
     client.simClearDetectionMeshNames("0", scene)
 
 
@@ -222,7 +241,7 @@ def test_sensors_measure_with_their_errors(client, server):
         forces.append(imu.linear_acceleration.z_val)
         fields.append(list(client.getMagnetometerData().magnetic_field_body))
         pressures.append(client.getBarometerData().pressure)
-    again = client.getImuData()
+    again = client.getImuData("imu")
     assert again.time_stamp == imu.time_stamp and vars(again.linear_acceleration) == vars(imu.linear_acceleration)
     assert np.mean(forces) == pytest.approx(-9.80665, abs=0.02)
     assert np.std(forces) == pytest.approx(0.24e-3 * 9.80665 / math.sqrt(0.003), rel=0.2)
