@@ -3,8 +3,9 @@
     python examples/09_airsim_closed_loop.py [PORT]
 
 It needs `pip install cosysairsim`, `deckline sim --serve` and a deck at rest. It steers on `ok` and
-`unverified` guidance alone, and waves off after a time without it. The simulator is paused while deckline computes.
-See docs/airsim.md.
+`unverified` guidance alone, and waves off after a time without it. Two things are better than in flight: the simulator
+is paused while deckline computes, so that there is no latency, and the deck's height is the true one of the touchdown
+point at the start. See docs/airsim.md.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""The vehicle's sensors with AirSim's default errors, and the standard atmosphere.
+"""The vehicle's sensors with AirSim's default errors, GPS with an error that AirSim does not add, and the standard air.
 
 A sensor draws one reading for each simulated time; two readings at one time are equal.
 Source of the values: AirSim's documented defaults; of the pressure: ICAO standard atmosphere; of the magnetic field:
