@@ -138,7 +138,7 @@ def parse_settings(values: Mapping[str, Any], default: CaptureSetting, text: str
         settings = replace(settings, distances=distances)
     numbers = {name: sensor.get("SensorType") for name, sensor in sensors.items()}
     named = {name: kind for name in numbers for kind, number in SENSOR_TYPES.items() if numbers[name] == number}
-    settings = replace(settings, sensors=settings.sensors | named)
+    settings = replace(settings, sensors={**settings.sensors, **named})
     settings = _recording(settings, _mapping(values.get("Recording", {}), "Recording"))
     return replace(settings, unused=unused_settings(values, vehicle))
 

@@ -4,8 +4,10 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 MOUNT_KEYS = ("X", "Y", "Z", "Roll", "Pitch", "Yaw")  # m and deg
-TOP_KEYS = ("SettingsVersion", "SeeDocsAt", "SimMode", "ClockSpeed", "OriginGeopoint")
-TOP_KEYS += ("CameraDefaults", "Vehicles", "Recording")
+TOP_KEYS = (
+    *("SettingsVersion", "SeeDocsAt", "SimMode", "ClockSpeed", "OriginGeopoint"),
+    *("CameraDefaults", "Vehicles", "Recording"),
+)
 SIM_MODES = ("", "Multirotor", "ComputerVision")
 VEHICLE_TYPES = ("simpleflight", "computervision")  # in lower case
 ORIGIN_KEYS = ("Latitude", "Longitude", "Altitude")
