@@ -68,6 +68,18 @@ class Deviations:
     """Closing speed, m/s."""
 
 
+@dataclass(frozen=True)
+class Fix:
+    """What an aircraft knows of the deck at the start: it reckons its distance from there while it hears nothing."""
+
+    to_go_m: float
+    """To the touchdown point, m."""
+    along: tuple[float, float]
+    """(2,) unit vector of the landing direction, world."""
+    ship_m_s: float
+    """Speed of the ship along it, m/s."""
+
+
 class Autopilot:
     """Flies one pass. `hear` takes guidance, `fly` returns controls, at `rate_hz`.
 
@@ -76,7 +88,7 @@ class Autopilot:
         slope: height per distance of the glideslope.
         ramp_clearance_m: height of the glideslope at the ramp, m.
         rate_hz: of `fly`.
-        due_s: time of the decision range by dead reckoning, for an aircraft that has heard nothing.
+        fix: where the deck is at the start.
         has_limits: whether too large protection levels break the pass off.
     """
 
@@ -87,13 +99,13 @@ class Autopilot:
         slope: float,
         ramp_clearance_m: float,
         rate_hz: float,
-        due_s: float,
+        fix: Fix,
         has_limits: bool = True,
     ) -> None:
         self.wave_off: WaveOff | None = None
         self.flown: Guidance | None = None  # the guidance that is followed
         self._trim, self._throttle, self._slope = trim, trim_throttle, slope
-        self._step_s, self._due_s, self._has_limits = 1 / rate_hz, due_s, has_limits
+        self._step_s, self._fix, self._has_limits = 1 / rate_hz, fix, has_limits
         self._path_integral = self._speed_integral = 0.0
         self._levels = LATERAL_LEVEL, (ramp_clearance_m, math.atan(ramp_clearance_m / COMMITTED_M))
         self._at_exposure: AircraftState | None = None
@@ -136,7 +148,7 @@ class Autopilot:
         """Controls for the next step."""
         found = self.deviations(state, time_s)
         if self.wave_off is None:
-            self.wave_off = self._find_reason(found, time_s)
+            self.wave_off = self._find_reason(found, state, time_s)
         if self.wave_off is not None:
             return self._go_around(state)
         speed = max(state.airspeed_m_s, 1.0)
@@ -145,15 +157,21 @@ class Autopilot:
         wanted = -found.closing_m_s * self._slope + _limit(-HEIGHT_RAD_S * found.height_m, MOST_CLIMB_M_S)
         return self._control(state, (wanted - found.height_rate_m_s) / speed, _bank(found))
 
-    def _find_reason(self, found: Deviations | None, time_s: float) -> WaveOff | None:
+    def _find_reason(self, found: Deviations | None, state: AircraftState, time_s: float) -> WaveOff | None:
         """Why the pass must be broken off now; None: it need not."""
         if found is None:
-            return WaveOff.NOT_SEEN if time_s >= self._due_s else None
+            return WaveOff.NOT_SEEN if self._reckon_to_go(state, time_s) < DECISION_M else None
         if not COMMITTED_M < found.to_go_m < WINDOW_M:
             return None
         if not in_window(found.lateral_m, found.height_m, found.to_go_m):
             return WaveOff.WINDOW
         return self._find_doubt(found.to_go_m, time_s) if found.to_go_m < DECISION_M else None
+
+    def _reckon_to_go(self, state: AircraftState, time_s: float) -> float:
+        """Distance to the touchdown point by dead reckoning with the velocities of aircraft and ship, m."""
+        (north, east), start, now = self._fix.along, self._trim.position_m, state.position_m
+        flown_m = (now[0] - start[0]) * north + (now[1] - start[1]) * east
+        return self._fix.to_go_m - flown_m + self._fix.ship_m_s * time_s
 
     def _find_doubt(self, to_go_m: float, time_s: float) -> WaveOff | None:
         """Why the picture is not to be landed with; None: it is."""

@@ -12,7 +12,7 @@ from deckline.types import Guidance, Status
 from deckline_sim.flight.approach import closing_speed
 from deckline_sim.landing.air import Gusts, wake
 from deckline_sim.landing.aircraft import AIRCRAFT_TYPES, DYNAMICS_HZ, Aircraft, AircraftState, Controls
-from deckline_sim.landing.autopilot import DECISION_M, Autopilot, WaveOff, in_window
+from deckline_sim.landing.autopilot import DECISION_M, Autopilot, Fix, WaveOff, in_window
 from deckline_sim.landing.config import LandingConfig
 from deckline_sim.landing.deck import rotation_matrix
 from deckline_sim.landing.deviations import Deviations, deviations
@@ -198,6 +198,7 @@ class _Pass:
         self.aircraft = aircraft = start_aircraft(scene)
         self.points_m = np.array([scene.run.approach.point_m, *aircraft.wheels_m])  # hook first
         self.gusts = Gusts(config.wind_m_s * config.turbulence, np.random.default_rng([scene.seed, AIR]))
+        north, east = deck.landing_direction.tolist()
         self.autopilot = Autopilot(
             aircraft.state,
             aircraft.trim_throttle,
@@ -205,9 +206,9 @@ class _Pass:
             ramp_clearance_m=scene.run.approach.slope * deck.touchdown_m,
             rate_hz=DYNAMICS_HZ / AUTOPILOT_EVERY,
             has_limits=config.level_limits,
-            due_s=(config.start_m + scene.deck.touchdown_m - DECISION_M) / aircraft.state.airspeed_m_s,
+            fix=Fix(config.start_m + deck.touchdown_m, (north, east), float(deck.velocity_m_s[:2] @ [north, east])),
         )
-        self.along: list[float] = deck.landing_direction.tolist()
+        self.along: list[float] = [north, east]
         self.ramp_m, self.ship_m_s = deck.centre_line(0.0, steady=True)[0].tolist(), deck.velocity_m_s.tolist()
         self.over_deck_m_s = float((deck.velocity_m_s - scene.wind_m_s)[:2] @ deck.landing_direction)
         self.waiting: deque[tuple[float, Guidance, AircraftState]] = deque()
@@ -264,12 +265,18 @@ class _Pass:
         return controls
 
     def _is_called_for(self) -> bool:
-        """Whether the pass had to be broken off: truly outside the window, beyond what can be seen, or a fault."""
+        """Whether the pass had to be broken off: the deck hidden, a fault, or truly outside the window.
+
+        Hidden: haze hides the ramp from the decision range on; a farther one need not be seen yet. An aircraft that
+        saw nothing of a ramp in view failed, also where it strayed out of the window for that reason.
+        """
         found, approach = self._truth(self.aircraft.state, self.time_s), self.scene.run.approach
+        decided_m = min(found.distance_m, DECISION_M - approach.touchdown_m)
+        if decided_m > SEEN_SHARE * self.config.visibility_m or self.config.fault is not None:
+            return True
         to_go = found.distance_m + approach.touchdown_m
-        too_far = found.distance_m > SEEN_SHARE * self.config.visibility_m
         is_inside = in_window(found.lateral_m, found.height_m - to_go * approach.slope, to_go)
-        return too_far or self.config.fault is not None or not is_inside
+        return self.autopilot.wave_off is not WaveOff.NOT_SEEN and not is_inside
 
     def _truth(self, state: AircraftState, time_s: float) -> Deviations:
         """Where the hook truly is relative to the moving deck."""

@@ -24,6 +24,7 @@ class ExactSight:
     def see(self, moment: Moment) -> Guidance:
         scene, approach = self.scene, self.scene.run.approach
         truth = deviations(scene.deck, moment.time_s, moment.world_from_body, moment.velocity_m_s, approach)
+        self.last = truth
         if truth.distance_m > self.seen_m:
             return Guidance(moment.time_s, Status.NOT_SEEN, DepthMode.NONE)
         lateral, height = truth.lateral_m + self.bias_m[0], truth.height_m + self.bias_m[1]

@@ -7,7 +7,7 @@ from exact_sight import ExactSight
 
 from deckline.config import Models, Tracking
 from deckline_sim.landing.aircraft import AIRCRAFT_TYPES, DYNAMICS_HZ, Aircraft, Controls
-from deckline_sim.landing.autopilot import WaveOff, in_window
+from deckline_sim.landing.autopilot import DECISION_M, WaveOff, in_window
 from deckline_sim.landing.config import LandingCamera, LandingConfig
 from deckline_sim.landing.landing import Sights, fly
 from deckline_sim.landing.touchdown import Outcome
@@ -60,6 +60,21 @@ def test_an_aircraft_that_sees_nothing_in_time_goes_around():
     assert (landing.outcome, landing.wave_off, landing.called_for) == (Outcome.WAVE_OFF, WaveOff.NOT_SEEN, True)
     clear = land(CALM, seen_m=100.0)
     assert (clear.wave_off, clear.called_for) == (WaveOff.NOT_SEEN, False)
+
+
+@pytest.mark.parametrize("start_m", [500.0, 1500.0, 3000.0])
+def test_an_aircraft_that_hears_nothing_decides_at_the_decision_range(start_m):
+    config = LandingConfig(guidance="picture", visibility_m=350.0, start_m=start_m)
+    sight = ExactSight(config, 1, seen_m=0.0)
+    landing = fly(config, 1, Sights(sight))
+    aim_m = sight.scene.run.approach.touchdown_m
+    assert sight.last.distance_m + aim_m == pytest.approx(DECISION_M, abs=15.0)
+    assert (landing.wave_off, landing.called_for) == (WaveOff.NOT_SEEN, False)
+
+
+def test_an_aircraft_that_sees_the_ramp_late_lands():
+    config = LandingConfig(guidance="picture", visibility_m=350.0, sea_state=1.0)
+    assert fly(config, 1, Sights(ExactSight(config, 1, seen_m=280.0))).outcome is Outcome.WIRE
 
 
 def test_a_wrong_guidance_that_says_ok_is_counted():
