@@ -112,12 +112,12 @@ class Autopilot:
         self._ok: Guidance | None = None  # the last `ok` answer of the picture
 
     def hear(self, guidance: Guidance, at_exposure: AircraftState, is_of_picture: bool) -> None:
-        """Take guidance of a moment at which the aircraft was in this state.
+        """Take guidance of a moment at which the aircraft was in this state; flagged guidance is not followed.
 
         Args:
             is_of_picture: of the picture, not of the approach's navigation; only that is landed with.
         """
-        usable = guidance.status in USABLE and _is_complete(guidance)
+        usable = guidance.status in USABLE and not guidance.flags and _is_complete(guidance)
         if usable:
             self.flown, self._at_exposure = guidance, at_exposure
         if is_of_picture and usable and guidance.status is Status.OK:
