@@ -6,7 +6,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.config import RunConfig, Tracking
+from deckline.config import RunConfig
 from deckline.dehaze.base import IdentityDehazer
 from deckline.detect.crop import Box
 from deckline.flight import Flight, FrameResult
@@ -19,7 +19,6 @@ from deckline_sim.landing.surroundings import empty_picture, measured_frame, sur
 from deckline_sim.ship.truth import truth_segments
 
 DETECTIONS, RANSAC = 64, 65  # random streams
-NO_PICTURE = Tracking(horizon_s=0.0, paint_s=0.0)  # monitors find nothing in a black picture
 
 
 class NoDetector:
@@ -45,7 +44,8 @@ class PointSight:
         self, config: LandingConfig, seed: int, model: DetectionModel | None = None, run: RunConfig | None = None
     ) -> None:
         self.surroundings = surroundings(config, seed)
-        told = replace(run or self.surroundings.run, tracking=NO_PICTURE)
+        told = run or self.surroundings.run
+        told = replace(told, tracking=replace(told.tracking, horizon_s=0.0, paint_s=0.0))  # the picture is black
         self.flight = Flight(told, IdentityDehazer(), NoDetector())
         is_dark = config.time_of_day != "day"
         rng = np.random.default_rng([seed, DETECTIONS])

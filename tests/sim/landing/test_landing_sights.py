@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
 
+from deckline.config import Tracking
 from deckline.geometry import attitude
 from deckline.truth import true_guidance
 from deckline.types import Guidance, PoseSource, Status
@@ -120,6 +121,14 @@ def test_points_repeat_with_their_seed() -> None:
 
     assert fly(5) == fly(5)
     assert fly(5) != fly(6)
+
+
+def test_points_are_tracked_as_the_configuration_says() -> None:
+    told = Tracking(coast_s=0.5, gate_sigma=3.0)
+    with PointSight(replace(EXACT, tracking=told), 5) as sight:
+        assert sight.flight.config.tracking == replace(told, horizon_s=0.0, paint_s=0.0)
+    with PointSight(replace(EXACT, tracking=Tracking(enabled=False)), 5, exact_detector()) as sight:
+        assert sight.see(moment_at(sight.surroundings, 0.0)).track is None
 
 
 def test_points_are_not_seen_through_thick_haze() -> None:
