@@ -20,6 +20,7 @@ M_PER_RAD_EAST = 6378137.0  # equatorial radius of WGS 84
 IN = 0.0254
 KNOT = 1852 / 3600
 DYNAMICS_HZ = 120.0
+FASTEST_M_S = 340.0  # speed of sound: no flight model here is of faster flight, only one that diverges gets there
 WHEELS = 3  # the first contacts of every model in `AIRCRAFT_TYPES`: nose, left, right
 
 
@@ -85,6 +86,12 @@ class AircraftState:
     def world_from_body(self) -> RigidTransform:
         """The pose."""
         return RigidTransform.from_components(self.position_m, self.rotation)
+
+    @property
+    def has_departed(self) -> bool:
+        """Whether the flight model has diverged: a value that is not finite, or an airspeed that nothing flies."""
+        parts = (*self.position_m, *self.attitude_rad, *self.velocity_m_s, *self.rates_rad_s, self.load_factor)
+        return not (self.airspeed_m_s <= FASTEST_M_S and all(map(math.isfinite, parts)))
 
 
 class Aircraft:

@@ -230,7 +230,8 @@ class _Pass:
                 controls = self._steer()
             if step % SAMPLE_EVERY == 0:
                 self.samples.append(Sample(self.time_s, self.aircraft.state, self.autopilot.flown))
-            self.aircraft.step(controls, self._gust())
+            if self.aircraft.step(controls, self._gust()).has_departed:
+                return self._landing(Outcome.DEPARTED, None)
             now = self._contact_points((step + 1) / DYNAMICS_HZ)
             if now is not None and before is not None:
                 ended = self._end(before, now, (step + 1) / DYNAMICS_HZ)

@@ -12,6 +12,7 @@ NAMES = {
     Outcome.HARD_LANDING: "hard landing",
     Outcome.OFF_CENTRE: "off centre",
     Outcome.WATER: "no landing",
+    Outcome.DEPARTED: "out of control",
 }
 
 

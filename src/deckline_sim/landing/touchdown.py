@@ -31,6 +31,8 @@ class Outcome(StrEnum):
     """On the deck, farther from the centre line than wires are made for."""
     WATER = "water"
     """In the water, or past the ship without having touched it."""
+    DEPARTED = "departed"
+    """Out of control: the flight model has diverged."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -87,7 +87,7 @@ def test_outcomes_and_touchdowns_of_a_group():
         replace(away, outcome=Outcome.RAMP_STRIKE, misleading=True),
     ]
     group = summarise_group(landings, {})
-    assert [group.shares[event].hits for event in (GOOD, *Outcome, MISLEADING)] == [4, 3, 0, 2, 1, 0, 0, 0, 1]
+    assert [group.shares[event].hits for event in (GOOD, *Outcome, MISLEADING)] == [4, 3, 0, 2, 1, 0, 0, 0, 0, 1]
     assert group.touchdown.along_m == pytest.approx((4.0, 4.0))
     assert group.touchdown.across_m == pytest.approx((0.0, 1.0))
     assert (group.touchdown.landings, group.effective, group.first_ok_m, group.ok_landings) == (3, 6.0, 700.0, 3)

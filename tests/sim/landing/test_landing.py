@@ -1,3 +1,4 @@
+import json
 import math
 from dataclasses import replace
 
@@ -81,6 +82,25 @@ def test_a_wrong_guidance_that_says_ok_is_counted():
     landing = land(CALM, bias_m=(3.0, 0.0))
     assert landing.misleading > 0
     assert landing.touchdown.right_m == pytest.approx(-3.0, abs=0.3)
+
+
+def test_an_aircraft_out_of_control_is_an_outcome():
+    config = LandingConfig(wind_m_s=25.0, turbulence=3.0)
+    landings = [land(config, seed) for seed in (2, 5)]
+    assert [landing.outcome for landing in landings] == [Outcome.DEPARTED] * 2
+    for landing in landings:
+        json.dumps(landing.record(), allow_nan=False)
+        assert all(not sample.state.has_departed for sample in landing.samples)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"airspeed_m_s": math.nan}, {"airspeed_m_s": 400.0}, {"load_factor": math.inf}, {"rates_rad_s": (0, math.nan, 0)}],
+)
+def test_a_state_that_is_not_finite_has_departed(changes):
+    state = Aircraft("A4", np.array([0.0, 0.0, -100.0]), 0.0, -0.06, np.zeros(3)).state
+    assert not state.has_departed
+    assert replace(state, **changes).has_departed
 
 
 @pytest.mark.parametrize(
