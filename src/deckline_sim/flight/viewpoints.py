@@ -45,6 +45,7 @@ class ShipMotion:
     pitch_rad: float = 0.0
     heave_m: float = 0.0
     phases_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of roll, pitch, heave at time 0
+    period_factor: float = 1.0  # on `PERIODS_S`
 
 
 STILL = ShipMotion()
@@ -116,7 +117,7 @@ def middle_m(layout: Layout) -> NDArray[np.float64]:
 def swing(layout: Layout, motion: ShipMotion, time_s: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Roll, pitch and heave (up) (3,) of the ship at a time, rad and m, and their rates (3,)."""
     size = (0.0 if layout.on_land else 1.0) * np.array([motion.roll_rad, motion.pitch_rad, motion.heave_m])
-    rate = 2 * np.pi / np.array(PERIODS_S)
+    rate = 2 * np.pi / (motion.period_factor * np.array(PERIODS_S))
     angle = rate * time_s + np.array(motion.phases_rad)
     return size * np.sin(angle), size * rate * np.cos(angle)
 

@@ -51,6 +51,8 @@ class LandingConfig:
     """`day`, `dusk` or `night`."""
     sea_state: float = 3.0
     """0 (still deck) to 6."""
+    deck_period_factor: float = 1.0
+    """Factor on the periods of the ship's roll, pitch and heave, 22, 12 and 18 s."""
     ship_speed_m_s: float = 10.0
     """Along the ship's heading, m/s."""
     wind_m_s: float = 6.0
@@ -99,6 +101,7 @@ class LandingConfig:
         if self.tracking != Tracking() and self.sight == "guidance":
             raise ValueError("sight 'guidance' is of the usual tracking: fly another with sight 'points' or 'rendered'")
         check_numbers(self, "", "sea_state", least=0.0, most=6.0)
+        check_numbers(self, "", "deck_period_factor", least=0.25, most=4.0)
         check_numbers(self, "", "ship_speed_m_s", least=0.0, most=20.0)
         check_numbers(self, "", "wind_m_s", least=0.0, most=25.0)
         check_numbers(self, "", "wind_from_deg", least=-180.0, most=180.0)

@@ -74,7 +74,8 @@ def surroundings(config: LandingConfig, seed: int) -> Surroundings:
 def ship_motion(config: LandingConfig, seed: int) -> ShipMotion:
     """How the ship of a landing moves; its phases follow from the seed."""
     rng = np.random.default_rng([seed, MOTION])
-    return draw_motion(MotionConfig(config.sea_state, config.ship_speed_m_s), False, rng)
+    motion = draw_motion(MotionConfig(config.sea_state, config.ship_speed_m_s), False, rng)
+    return replace(motion, period_factor=config.deck_period_factor)
 
 
 def aim_m(wires_m: tuple[float, ...], over_deck_m_s: float) -> float:

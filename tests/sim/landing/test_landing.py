@@ -116,6 +116,8 @@ def test_the_window_narrows_towards_the_deck(lateral, height, to_go, inside):
     [
         ({"ship": "tanker"}, "tanker"),
         ({"sea_state": 7.0}, "7.0"),
+        ({"deck_period_factor": 0.1}, "deck_period_factor.*0.1"),
+        ({"deck_period_factor": 5.0}, "deck_period_factor.*5.0"),
         ({"wind_m_s": math.nan}, "nan"),
         ({"visibility_m": 0.0}, "visibility_m"),
         ({"sight": "eyes"}, "eyes"),

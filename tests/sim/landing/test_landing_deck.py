@@ -2,8 +2,10 @@ import numpy as np
 import pytest
 
 from deckline.geometry import attitude
-from deckline_sim.flight.viewpoints import ShipMotion, runway_point, ship_pose, steady_pose
+from deckline_sim.flight.viewpoints import ShipMotion, runway_point, ship_pose, steady_pose, swing
+from deckline_sim.landing.config import LandingConfig
 from deckline_sim.landing.deck import Deck, rotation_matrix
+from deckline_sim.landing.surroundings import surroundings
 from deckline_sim.landing.touchdown import Outcome, Touchdown, outcome_of, strikes_ramp, touch
 from deckline_sim.ship.layout import class_layout
 from deckline_sim.ship.ship_class import load_class
@@ -32,6 +34,18 @@ def test_the_deck_moves_as_the_simulators_ship(deck, time_s):
     expected = ship_pose(deck.layout, deck.motion, time_s).as_matrix()
     np.testing.assert_allclose(turn, expected[:3, :3], atol=1e-12)
     np.testing.assert_allclose(place, expected[:3, 3], atol=1e-9)
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.0, 2.0])
+def test_a_ships_periods_scale(factor):
+    usual, scaled = (surroundings(LandingConfig(deck_period_factor=f), 3).deck for f in (1.0, factor))
+    for time_s in (0.0, 2.5, 7.0):
+        (swing_then, rate_then), (now, rate_now) = (
+            swing(usual.layout, usual.motion, time_s),
+            swing(scaled.layout, scaled.motion, factor * time_s),
+        )
+        np.testing.assert_allclose(now, swing_then, rtol=1e-9)
+        np.testing.assert_allclose(factor * rate_now, rate_then, rtol=1e-9)
 
 
 def test_the_centre_line_begins_at_the_ramp_and_leads_to_the_touchdown_point(deck):
