@@ -31,7 +31,7 @@ DATALINK_HEADING_SIGMA_DEG = 1.0  # the same of its heading
 CARRIED_S = 0.28
 # Wires of a ship that has none in its class, beyond the beginning of the lines, m; 12.4 m apart as on a large carrier.
 WIRES_M = (52.0, 64.4, 76.8)
-MOTION = 61  # random stream
+MOTION, DATALINK = 61, 66  # random streams
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,13 +127,25 @@ def navigation_unit(sensors: Sensors) -> NavigationConfig:
 
 
 def datalink_prior(scene: Surroundings, flight: Flight, frame: Frame) -> RunwayPrior | None:
-    """Where the ship's datalink has the runway at a frame's time; None with a track, or without a pose."""
+    """Where the ship's datalink has the runway at a frame's time; None with a track, or without a pose.
+
+    It errs by what it states, in place and in heading about the ramp: one draw a landing.
+    """
     if frame.world_from_body is None or flight.forecast() is not None:
         return None
     layout = scene.deck.layout
     layout = layout.at_pose(steady_pose(layout, scene.deck.motion, frame.time_s))
-    left, right = (np.stack([line.p0_m, line.p1_m]) for line in truth_segments(layout))
+    lines = np.array([[line.p0_m, line.p1_m] for line in truth_segments(layout)])
+    shift_m, turn = datalink_error(scene.seed)
+    ramp = lines[:, 0].mean(axis=0)
+    left, right = ramp + shift_m + np.array([turn.apply(line) for line in lines - ramp])
     return RunwayPrior(left, right, DATALINK_SIGMA_M, float(np.deg2rad(DATALINK_HEADING_SIGMA_DEG)))
+
+
+def datalink_error(seed: int) -> tuple[NDArray[np.float64], Rotation]:
+    """Errors of place (3,), m, and heading of the ship's datalink in the landing of a seed."""
+    *place, heading = np.random.default_rng([seed, DATALINK]).standard_normal(4)
+    return DATALINK_SIGMA_M * np.array(place), Rotation.from_euler("z", DATALINK_HEADING_SIGMA_DEG * heading, True)
 
 
 def without_position(frame: Frame) -> Frame:

@@ -20,7 +20,15 @@ from deckline_sim.landing.navigation_sight import NavigationSight
 from deckline_sim.landing.point_sight import PointSight
 from deckline_sim.landing.rendered_sight import RenderedSight
 from deckline_sim.landing.sight import Moment
-from deckline_sim.landing.surroundings import Surroundings, empty_picture, measured_frame, surroundings
+from deckline_sim.landing.surroundings import (
+    DATALINK_HEADING_SIGMA_DEG,
+    DATALINK_SIGMA_M,
+    Surroundings,
+    datalink_prior,
+    empty_picture,
+    measured_frame,
+    surroundings,
+)
 
 EXACT = LandingConfig(navigation="exact", visibility_m=1000.0, start_m=600.0)
 SPEED_M_S = 55.0  # over the deck
@@ -243,6 +251,30 @@ def test_rendered_frames_have_the_mount_and_the_pose() -> None:
     np.testing.assert_allclose(frame.truth.left.p0_m, truth.left.p0_m, atol=1e-9)
     ramp_px = frame.camera.project(frame.world_from_camera.inv().apply(frame.truth.left.p0_m[None]))[0]
     assert 0.3 * camera.height < ramp_px[1] < 0.7 * camera.height
+
+
+def datalink_offset(seed: int) -> tuple[np.ndarray, float, float]:
+    """Error of the datalink's ramp, m, and of its heading, degrees, and the change of its width, m."""
+    scene = surroundings(replace(EXACT, sea_state=0.0), seed)
+    with PointSight(scene.config, seed) as sight:
+        moment = moment_at(scene, 2.0)
+        frame = measured_frame(scene, moment, empty_picture(scene.camera))
+        prior = datalink_prior(scene, sight.flight, frame)
+    assert prior is not None and frame.truth is not None and frame.truth.left and frame.truth.right
+    true = np.array([[line.p0_m, line.p1_m] for line in (frame.truth.left, frame.truth.right)])
+    said = np.array([prior.left_m, prior.right_m])
+    (x, y), (tx, ty) = (line[0, 1, :2] - line[0, 0, :2] for line in (said, true))
+    turned = np.rad2deg(np.arctan2(tx * y - ty * x, tx * x + ty * y))
+    widths = [float(np.linalg.norm(lines[1, 0] - lines[0, 0])) for lines in (said, true)]
+    return (said - true)[:, 0].mean(axis=0), float(turned), widths[0] - widths[1]
+
+
+def test_the_datalink_errs_by_what_it_states() -> None:
+    shifts, turns, wider = zip(*(datalink_offset(seed) for seed in range(60)), strict=True)
+    np.testing.assert_allclose(np.std(shifts, axis=0), DATALINK_SIGMA_M, rtol=0.3)
+    assert np.std(turns) == pytest.approx(DATALINK_HEADING_SIGMA_DEG, rel=0.3)
+    np.testing.assert_allclose(wider, 0.0, atol=1e-9)
+    np.testing.assert_array_equal(datalink_offset(7)[0], shifts[7])
 
 
 @pytest.mark.parametrize(("name", "value"), [("time_s", -1.0), ("velocity_m_s", np.zeros(2))])
