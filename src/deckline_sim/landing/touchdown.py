@@ -24,7 +24,7 @@ class Outcome(StrEnum):
     WAVE_OFF = "wave_off"
     """Broken off, and clear of the ship."""
     RAMP_STRIKE = "ramp_strike"
-    """Below the deck at its end."""
+    """Below the deck at its end or its side."""
     HARD_LANDING = "hard_landing"
     """More sink than the gear bears."""
     OFF_CENTRE = "off_centre"
@@ -52,11 +52,17 @@ class Touchdown:
 
 
 def strikes_ramp(before: Float64, now: Float64, deck: Deck) -> bool:
-    """Whether a point passed the end of the deck below it, between two places (3,) of the ship's frame."""
-    if not before[0] < 0.0 <= now[0]:
+    """Whether a point came into the hull below the deck's edge, between two places (3,) of the ship's frame.
+
+    That is across the end of the deck, or from beside it: what touches the deck from above was above it.
+    """
+    if not now[2] > 0.0:
         return False
-    port, starboard = deck.layout.edges_at(0.0)
-    return bool(now[2] > 0.0 and port <= now[1] <= starboard)
+    if before[0] < 0.0 <= now[0]:
+        port, starboard = deck.layout.edges_at(0.0)
+        if port <= now[1] <= starboard:
+            return True
+    return bool(before[2] > 0.0) and deck.is_over_deck(now)
 
 
 def touch(before: Float64, now: Float64, step_s: float, time_s: float, deck: Deck) -> Touchdown | None:

@@ -115,6 +115,21 @@ def test_the_ramp_is_struck_below_the_deck(still, before, now, struck):
 
 
 @pytest.mark.parametrize(
+    ("beside_m", "below_m", "struck"),
+    [
+        ((-0.3, 0.2), (5.0, 5.0), True),  # in through the port edge
+        ((-0.3, 0.2), (-0.1, 0.1), False),  # from above: a touchdown
+        ((-0.8, -0.3), (5.0, 5.0), False),  # not there yet
+        ((-0.3, 0.2), (-5.0, -5.0), False),  # over the edge
+    ],
+)
+def test_the_hull_is_struck_from_the_side(still, beside_m, below_m, struck):
+    port, _ = still.layout.edges_at(60.0)
+    before, now = (np.array([60.0, port + y, z]) for y, z in zip(beside_m, below_m, strict=True))
+    assert strikes_ramp(before, now, still) is struck
+
+
+@pytest.mark.parametrize(
     ("sink", "right", "outcome"), [(7.5, 0.0, Outcome.HARD_LANDING), (3.0, -6.5, Outcome.OFF_CENTRE)]
 )
 def test_hard_and_off_centre_landings_are_named(sink, right, outcome):
