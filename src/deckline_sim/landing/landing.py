@@ -64,7 +64,7 @@ class Landing:
     ok_share: float
     """Of the answers of the picture within 800 m of the ramp, how many were `ok`."""
     misleading: int
-    """Answers that were `ok`, within 800 m, with an error beyond their protection level."""
+    """Answers that were `ok`, within 800 m, with an error beyond their protection level or without a level."""
     seconds: float
     """Flown time, s."""
     samples: tuple[Sample, ...]
@@ -110,10 +110,12 @@ class AnswerCount:
 
 
 def is_misleading(answer: Guidance, truth: Deviations) -> bool:
-    """Whether lateral deviation or height is farther from the truth than the answer's protection level."""
+    """Whether lateral deviation or height is farther from the truth than the answer's protection level, or has none."""
     level, lateral, height = answer.protection, answer.lateral_deviation_m, answer.height_above_deck_m
-    if level is None or lateral is None or height is None:
+    if lateral is None or height is None:
         return False
+    if level is None:
+        return True
     off = abs(lateral.value - truth.lateral_m), abs(height.value - truth.height_m)
     return off[0] > level.lateral_m or off[1] > level.vertical_m
 

@@ -10,7 +10,8 @@ from deckline.config import Models, Tracking
 from deckline_sim.landing.aircraft import AIRCRAFT_TYPES, DYNAMICS_HZ, Aircraft, Controls
 from deckline_sim.landing.autopilot import DECISION_M, WaveOff, in_window
 from deckline_sim.landing.config import LandingCamera, LandingConfig
-from deckline_sim.landing.landing import Sights, fly
+from deckline_sim.landing.landing import Sights, fly, is_misleading, start_aircraft
+from deckline_sim.landing.sight import Moment
 from deckline_sim.landing.touchdown import Outcome
 
 CALM = LandingConfig(sea_state=0.0, wind_m_s=0.0, burble=0.0, start_m=700.0)
@@ -82,6 +83,15 @@ def test_a_wrong_guidance_that_says_ok_is_counted():
     landing = land(CALM, bias_m=(3.0, 0.0))
     assert landing.misleading > 0
     assert landing.touchdown.right_m == pytest.approx(-3.0, abs=0.3)
+
+
+def test_an_ok_without_a_protection_level_is_misleading():
+    sight = ExactSight(CALM, 0)
+    moment = Moment(0.0, start_aircraft(sight.scene).state.world_from_body, np.array([60.0, 0.0, 3.0]), np.zeros(3))
+    answer = sight.see(moment)
+    assert not is_misleading(answer, sight.last)
+    assert is_misleading(replace(answer, protection=None), sight.last)
+    assert not is_misleading(replace(answer, protection=None, height_above_deck_m=None), sight.last)
 
 
 def test_an_aircraft_out_of_control_is_an_outcome():
