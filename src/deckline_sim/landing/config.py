@@ -1,6 +1,7 @@
 """What one landing is flown in. A value out of its range is a ValueError that names the setting and the value."""
 
 from dataclasses import dataclass, field
+from operator import attrgetter
 from typing import Literal
 
 from deckline.checks import check_choice, check_numbers
@@ -98,8 +99,8 @@ class LandingConfig:
             raise ValueError("sight 'guidance' does not model guidance 'picture': use sight 'points' or 'rendered'")
         if self.models != Models() and self.sight != "rendered":
             raise ValueError(f"sight {self.sight!r} is of the shipped models: fly others with sight 'rendered'")
-        if self.tracking != Tracking() and self.sight == "guidance":
-            raise ValueError("sight 'guidance' is of the usual tracking: fly another with sight 'points' or 'rendered'")
+        if self.sight == "guidance":
+            self._check_modelled()
         check_numbers(self, "", "sea_state", least=0.0, most=6.0)
         check_numbers(self, "", "deck_period_factor", least=0.25, most=4.0)
         check_numbers(self, "", "ship_speed_m_s", least=0.0, most=20.0)
@@ -107,3 +108,13 @@ class LandingConfig:
         check_numbers(self, "", "wind_from_deg", least=-180.0, most=180.0)
         check_numbers(self, "", "turbulence", "burble", least=0.0, most=10.0)
         check_numbers(self, "", "start_m", least=300.0, most=5000.0)
+
+    def _check_modelled(self) -> None:
+        """Refuse what modelled guidance does not know: its tables are of flights with the usual values of these."""
+        usual = {name: getattr(LandingConfig, name) for name in ("ship", "time_of_day", "deck_period_factor")}
+        usual |= {f"camera.{name}": getattr(LandingCamera, name) for name in ("fov_deg", "width", "height")}
+        for name, value in (usual | {"tracking": Tracking()}).items():
+            given = attrgetter(name)(self)
+            if given != value:
+                wanted = "the usual tracking" if name == "tracking" else f"{name} {value}, got {given}"
+                raise ValueError(f"sight 'guidance' is of {wanted}: fly others with sight 'points' or 'rendered'")

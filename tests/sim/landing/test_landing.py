@@ -133,7 +133,12 @@ def test_the_window_narrows_towards_the_deck(lateral, height, to_go, inside):
         ({"sight": "eyes"}, "eyes"),
         ({"start_m": 100.0}, "100.0"),
         ({"models": Models(detector="ufld")}, "rendered"),
-        ({"sight": "guidance", "tracking": Tracking(enabled=False)}, "rendered"),
+        ({"sight": "guidance", "tracking": Tracking(enabled=False)}, "usual tracking.*rendered"),
+        ({"sight": "guidance", "ship": "paper"}, "ship cvn, got paper.*points"),
+        ({"sight": "guidance", "time_of_day": "dusk"}, "time_of_day day, got dusk"),
+        ({"sight": "guidance", "deck_period_factor": 0.5}, "deck_period_factor 1.0, got 0.5"),
+        ({"sight": "guidance", "camera": LandingCamera(fov_deg=30.0)}, "camera.fov_deg 60.0, got 30.0"),
+        ({"sight": "guidance", "camera": LandingCamera(width=640)}, "camera.width 1280, got 640"),
         ({"sight": "guidance", "guidance": "picture"}, "points"),
     ],
 )
