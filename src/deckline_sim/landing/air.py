@@ -75,9 +75,9 @@ def _first_order(value: float, sigma: float, rate: float, dt: float, noise: floa
 def _second_order(
     slow: float, fast: float, sigma: float, rate: float, dt: float, noise: float
 ) -> tuple[float, float, float]:
-    """Dryden's transverse filter, sigma sqrt(2 rate) (sqrt(3) s + rate) / (s + rate)^2 of white noise of unit density.
+    """Dryden's transverse filter, sigma sqrt(rate) (sqrt(3) s + rate) / (s + rate)^2 of white noise of unit intensity.
 
-    With x'' + 2 rate x' + rate^2 x = noise the gust is sigma sqrt(2 rate) ... of (sqrt(3) x' + rate x), here in steps.
+    With x'' + 2 rate x' + rate^2 x = noise the gust is sigma sqrt(rate) (sqrt(3) x' + rate x), here in steps.
 
     Returns:
         gust, and the states x and x' of the filter.
