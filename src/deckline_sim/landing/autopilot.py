@@ -134,7 +134,7 @@ class Autopilot:
             return None
         late = time_s - guidance.time_s
         faster = [now - before for now, before in zip(state.velocity_m_s, then.velocity_m_s, strict=True)]
-        heading = state.attitude_rad[2] - _number(guidance.heading_error_rad)
+        heading = then.attitude_rad[2] - _number(guidance.heading_error_rad)  # of the centre line
         to_right = faster[1] * math.cos(heading) - faster[0] * math.sin(heading)
         side, climb = _number(guidance.lateral_rate_m_s), _number(guidance.height_rate_m_s)
         closing = _number(guidance.closing_m_s)

@@ -1,5 +1,6 @@
 """The autopilot: what guidance it follows, and how it moves that on to now."""
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -33,6 +34,24 @@ def test_a_flagged_answer_is_never_followed(status):
     pilot.hear(answer(status, replace(PLACE, lateral_m=9.0), 0.1).with_flag(FLAG), TRIM, is_of_picture=True)
     assert pilot.flown is first
     assert pilot.deviations(TRIM, 0.1).lateral_m == pytest.approx(2.0)
+
+
+def test_a_late_answer_moves_on_along_the_centre_line():
+    """The centre line points north-east; the aircraft turns, and gains 2 m/s across it and 3 m/s along it."""
+    pilot, north_east = autopilot(), math.pi / 4
+    then = replace(TRIM, attitude_rad=(0.0, 0.1, north_east + 0.05))
+    across, along = 2.0 / math.sqrt(2.0), 3.0 / math.sqrt(2.0)
+    north, east, down = TRIM.velocity_m_s
+    now = replace(
+        then,
+        attitude_rad=(0.0, 0.1, north_east + 0.4),
+        velocity_m_s=(north + along - across, east + along + across, down + 1.0),
+    )
+    pilot.hear(answer(place=replace(PLACE, heading_rad=0.05)), then, is_of_picture=True)
+    found = pilot.deviations(now, 0.2)
+    assert found.lateral_rate_m_s == pytest.approx(2.0)
+    assert found.lateral_m == pytest.approx(2.0 + 0.2 * 2.0 / 2)
+    assert found.height_rate_m_s == pytest.approx(-4.0)
 
 
 @pytest.mark.parametrize("status", [Status.ONE_LINE, Status.COASTING, Status.STALE])
