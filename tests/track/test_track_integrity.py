@@ -381,7 +381,8 @@ def test_the_level_of_the_heading_holds_a_turned_camera(turn_deg):
 
 
 @pytest.mark.parametrize(
-    ("stated", "assumed", "is_doubted"), [(0.004, 0.001, True), (0.004, 0.004, False), (None, 0.001, False)]
+    ("stated", "assumed", "is_doubted"),
+    [(0.004, 0.001, True), (0.004, 0.004, False), (0.03, 0.04, True), (None, 0.001, False)],
 )
 def test_a_focal_length_less_certain_than_the_levels_assume_is_a_doubt(stated, assumed, is_doubted):
     config = replace(KNOWN, sensors=replace(KNOWN.sensors, focal_fraction=assumed))
@@ -389,5 +390,6 @@ def test_a_focal_length_less_certain_than_the_levels_assume_is_a_doubt(stated, a
     for frame, estimate, _ in approach(Flight(rate_hz=4.0)):
         frame = replace(frame, camera=replace(frame.camera, focal_sigma=stated))
         track = advance(tracker, frame, estimate)
-    reasons = {doubt.reason for doubt in track.doubts}
-    assert (Reason.ASSUMED_CAMERA in reasons) is is_doubted
+    later, *_ = tracker.forecast().at(frame.time_s + 0.1)
+    for doubts in (track.doubts, later.doubts):
+        assert (Reason.ASSUMED_CAMERA in reasons(doubts)) is is_doubted

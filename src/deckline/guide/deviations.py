@@ -8,8 +8,6 @@ from scipy.spatial.transform import RigidTransform
 from deckline.config import Approach
 from deckline.geometry import rotation_matrix, wrap_angle
 from deckline.types import (
-    ASSUMED_CAMERA,
-    MAX_FOCAL_SIGMA,
     DepthMode,
     Diagnostic,
     Diagnostics,
@@ -26,6 +24,7 @@ from deckline.types import (
     Track,
     TrackState,
     Value,
+    focal_doubts,
 )
 
 MIN_LEVEL_SHARE = 0.1  # horizontal share of the nose's direction below which it has no heading
@@ -66,9 +65,8 @@ def guidance(frame: Frame, estimate: RunwayEstimate, track: Track | None, approa
     scale_sources = _scale_sources(estimate, track)
     by_picture = frame.pose_source is PoseSource.PICTURE
     doubts: Diagnostics = () if scale_sources or by_picture else (NO_SCALE,)
-    if not by_picture and (frame.camera.focal_sigma or 0.0) > MAX_FOCAL_SIGMA:
-        doubts += (ASSUMED_CAMERA,)  # levels rest on the sensors' 1-sigma, not on the camera's
-    doubts += track.doubts if track is not None and track.lines else (ONE_FRAME,)
+    alone = (ONE_FRAME,) if by_picture else (*focal_doubts(frame.camera.focal_sigma), ONE_FRAME)
+    doubts += track.doubts if track is not None and track.lines else alone
     base = Guidance(
         frame.time_s,
         guidance_status(estimate, track, flags, doubts),

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from deckline.config import RunConfig
+from deckline.geometry import Camera
 from deckline.probability import two_sided_quantile
 from deckline.track.extent import Extent, advance_extent
 from deckline.track.filter import predict, track_lines, track_rates
@@ -13,7 +14,7 @@ from deckline.track.motion import Aircraft, Pose, predict_aircraft
 from deckline.track.prior_tests import prior_tests, unverified_reasons
 from deckline.track.protection import least_closing_speed, protection_levels, undetected_yaw
 from deckline.track.states import FilterState
-from deckline.types import RunwayLine, Scale, Track, TrackState
+from deckline.types import RunwayLine, Scale, Track, TrackState, focal_doubts
 
 # From so far before the ramp to so far, m, 1-sigmas grow by up to so many times: split conformal prediction. The 95 %
 # quantile of error over 1-sigma in 40 rendered flights (paper's ship, sea state 4, 500 to 3000 m) was 0.97 of a
@@ -33,6 +34,7 @@ class TrackMemory:
     seen_s: float  # when lines were last used
     consistent_s: float  # when lines were last used, or none were there to contradict
     start_s: float
+    camera: Camera  # of the last frame
 
 
 def describe_track(memory: TrackMemory, pose: Pose | None, config: RunConfig) -> Track:
@@ -54,7 +56,8 @@ def describe_track(memory: TrackMemory, pose: Pose | None, config: RunConfig) ->
         state, memory.aircraft, pose, None if ramp is None else ramp.speed, at_m, config
     )
     yaw_rad = None if pose is None else undetected_yaw(state, least_closing_speed(state, pose, closing, config), config)
-    tests = prior_tests(state, near_m, config)
+    tests, age_s = prior_tests(state, near_m, config), state.time_s - memory.start_s
+    doubts = focal_doubts(memory.camera.focal_sigma, config.sensors.focal_fraction)
     return Track(
         state.time_s,
         TrackState.COASTING,
@@ -67,8 +70,8 @@ def describe_track(memory: TrackMemory, pose: Pose | None, config: RunConfig) ->
         lateral_rate_m_s=lateral,
         height_rate_m_s=height,
         closing_m_s=closing,
-        age_s=state.time_s - memory.start_s,
-        doubts=unverified_reasons(state, state.time_s - memory.start_s, tests, yaw_rad, config),
+        age_s=age_s,
+        doubts=doubts + unverified_reasons(state, age_s, tests, yaw_rad, config),
         scale_sources=() if config.deck.width_m is None else (Scale.WIDTH,),
     )
 

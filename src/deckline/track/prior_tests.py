@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.config import RunConfig
-from deckline.geometry import Camera
 from deckline.probability import chi2_tail, normal_tail
 from deckline.track.stated_width import spacing_contradiction
 from deckline.track.states import (
@@ -23,7 +22,7 @@ from deckline.track.states import (
     error_sigmas,
     width_sigma_m,
 )
-from deckline.types import MAX_FOCAL_SIGMA, Diagnostic, Diagnostics, Reason
+from deckline.types import Diagnostic, Diagnostics, Reason
 
 Array = NDArray[np.float64]
 OBSERVED_SHARE = 0.1  # of a prior's variance that must be gone before its estimate is tested
@@ -152,15 +151,6 @@ def _spacing_by_height(state: FilterState, near_m: float, camera_m: Array) -> fl
     """Spacing of the lines where the runway begins, as the stated height of the deck at rest scales it."""
     stated_m = state.point_m[2] + state.mean[States.DECK] - camera_m[2]
     return float(spacing_row(near_m) @ state.mean * stated_m / (state.deck_z_m - camera_m[2]))
-
-
-def focal_doubts(camera: Camera, config: RunConfig) -> Diagnostics:
-    """That a camera's focal length is less certain than the levels assume; an assumed one has its own doubt."""
-    stated, assumed = camera.focal_sigma or 0.0, config.sensors.focal_fraction
-    if not assumed < stated <= MAX_FOCAL_SIGMA:
-        return ()
-    message = f"the camera's focal length is known to {stated:.2%}, levels assume {assumed:.2%}: give --focal-sigma"
-    return (Diagnostic(Reason.ASSUMED_CAMERA, message),)
 
 
 def unverified_reasons(

@@ -12,7 +12,6 @@ from deckline.track.forecast import Forecast, TrackMemory, describe_track
 from deckline.track.integrity import FaultMonitor, check_order
 from deckline.track.measurement import GatedMeasurement, Measurement, measure, select_consistent
 from deckline.track.motion import Aircraft, advance_aircraft, start_aircraft
-from deckline.track.prior_tests import focal_doubts
 from deckline.track.protection import fault_gains
 from deckline.track.stated_width import compare_width
 from deckline.track.states import CORRELATION_TIME_S, SENSOR_FLOOR, initial_state
@@ -49,7 +48,7 @@ class Prediction:
     step_s: float = 0.0
     """Since the frame before, s; 0: there is none."""
     memory: TrackMemory | None = None
-    """The track's memory with state and aircraft at the frame's time; None: no track continues."""
+    """The track's memory with state and aircraft at the frame's time, and its camera; None: no track continues."""
     runway: RunwayPrior | None = None
     """Where the detector should expect the runway, world; None: not known."""
     restart: Diagnostic | None = None
@@ -112,7 +111,9 @@ class Tracker:
         aircraft, jump_m = advance_aircraft(memory.aircraft, frame, self.config.sensors.position_white_m)
         if jump_m:
             return replace(found, restart=self._end(f"the pose jumped by {jump_m:.0f} m"), is_new_flight=True)
-        return replace(found, memory=replace(memory, state=state, aircraft=aircraft or memory.aircraft))
+        return replace(
+            found, memory=replace(memory, state=state, aircraft=aircraft or memory.aircraft, camera=frame.camera)
+        )
 
     def update(
         self, prediction: Prediction, estimate: RunwayEstimate, flags: Diagnostics = (), frames: int = 1
@@ -203,7 +204,9 @@ class Tracker:
         visible = visible_extent(frame, context.estimate, bare)
         near = context.estimate.ramp_m if visible is None else bare.point_m + visible[0] * bare.along
         state = initial_state(frame.time_s, line, near, self.config)
-        return self._continue_track(TrackMemory(state, aircraft, None, -np.inf, frame.time_s, frame.time_s), context)
+        return self._continue_track(
+            TrackMemory(state, aircraft, None, -np.inf, frame.time_s, frame.time_s, frame.camera), context
+        )
 
     def _continue_track(self, memory: TrackMemory, context: FrameContext) -> Track:
         """Update the predicted memory with the frame's lines and store it for the next frame."""
@@ -239,7 +242,6 @@ class Tracker:
             track,
             state=TrackState.TRACKING if used else TrackState.COASTING,
             flags=flags,
-            doubts=track.doubts + focal_doubts(context.frame.camera, config),
             excluded=() if gated is None else gated.excluded,
             diagnostics=context.diagnostics,
         )

@@ -13,6 +13,7 @@ from deckline.types.diagnostics import (
     Reason,
     Scale,
     Status,
+    focal_doubts,
     message_of,
 )
 from deckline.types.guidance import Guidance, InWidths, Protection, Track, TrackState, Value
@@ -51,5 +52,6 @@ __all__ = [
     "TrackState",
     "Truth",
     "Value",
+    "focal_doubts",
     "message_of",
 ]

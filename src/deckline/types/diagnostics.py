@@ -169,6 +169,22 @@ MAX_FOCAL_SIGMA = 0.02  # share; of a camera whose focal length counts as stated
 NO_POSE = Diagnostic(Reason.NO_POSE, "pose not known: give --poses; in Python, world_from_body")
 
 
+def focal_doubts(focal_sigma: float | None, assumed: float = MAX_FOCAL_SIGMA) -> Diagnostics:
+    """That a camera's focal length is assumed, or less certain than protection levels assume.
+
+    Args:
+        focal_sigma: of the camera; None: as stated for the sensors.
+        assumed: 1-sigma that the levels rest on, as a share.
+    """
+    stated = focal_sigma or 0.0
+    if stated > MAX_FOCAL_SIGMA:
+        return (ASSUMED_CAMERA,)
+    if stated <= assumed:
+        return ()
+    message = f"the camera's focal length is known to {stated:.2%}, levels assume {assumed:.2%}: give --focal-sigma"
+    return (Diagnostic(Reason.ASSUMED_CAMERA, message),)
+
+
 def message_of(diagnostics: Diagnostics) -> str:
     """The messages in one line, each once."""
     return "; ".join(dict.fromkeys(diagnostic.message for diagnostic in diagnostics))
