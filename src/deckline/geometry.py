@@ -7,7 +7,7 @@ coordinates in a. Pixels: u to the right, v down, the *centre* of the top-left p
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -62,6 +62,7 @@ class Camera:
     focal_sigma: float | None = None
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "distortion", tuple(self.distortion))  # hashable, whatever it was given as
         check_numbers(self, "camera", "width", "height", least=1)
         check_numbers(self, "camera", "fx", "fy", above=0)
         check_numbers(self, "camera", "cx", "cy", "distortion")
@@ -261,15 +262,24 @@ def distort(xy: NDArray[np.float64], camera: Camera) -> NDArray[np.float64]:
 
 
 def rectify(image_rgb: NDArray[np.uint8], camera: Camera) -> NDArray[np.uint8]:
-    """A picture (H, W, 3) as the same camera without lens distortion sees it; beyond its border the border repeats."""
+    """The camera's picture (H, W, 3) as it is without lens distortion; beyond its border the border repeats."""
     import cv2
 
     if not camera.has_distortion:
         return image_rgb
-    maps = cv2.fisheye.initUndistortRectifyMap if camera.fisheye else cv2.initUndistortRectifyMap
-    size, coefficients = (image_rgb.shape[1], image_rgb.shape[0]), np.array(camera.distortion)
-    columns, rows = maps(camera.matrix, coefficients, np.eye(3), camera.matrix, size, cv2.CV_32FC1)
+    columns, rows = _undistortion_maps(camera)
     return np.asarray(cv2.remap(image_rgb, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+
+
+@lru_cache(maxsize=1)  # a flight has one camera, and maps for 4K take 66 MB
+def _undistortion_maps(camera: Camera) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Column and row (H, W) of the picture for each pixel of the picture without lens distortion."""
+    import cv2
+
+    make_maps = cv2.fisheye.initUndistortRectifyMap if camera.fisheye else cv2.initUndistortRectifyMap
+    size, coefficients = (camera.width, camera.height), np.array(camera.distortion)
+    columns, rows = make_maps(camera.matrix, coefficients, np.eye(3), camera.matrix, size, cv2.CV_32FC1)
+    return np.asarray(columns), np.asarray(rows)
 
 
 def intersect_plane(origin_m: ArrayLike, directions: ArrayLike, plane_z_m: ArrayLike) -> NDArray[np.float64]:

@@ -33,8 +33,8 @@ class ExpectedHorizon(NamedTuple):
 class AttitudeMonitor:
     """Compares the horizon in the picture with the attitude of the pose; a `Monitor`.
 
-    A search for the horizon takes a tenth of a second, in a thread beside the flight. A frame without a pose or without
-    a horizon changes nothing. Distorted pictures are not searched, as distortion bends the horizon.
+    A search for the horizon takes a tenth of a second, in a thread beside the flight, without lens distortion, which
+    bends the horizon. A frame without a pose or without a horizon changes nothing.
 
     Args:
         every_s: from one search to the next; 0: none.

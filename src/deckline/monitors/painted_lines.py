@@ -78,8 +78,8 @@ class PaintCheck:
 class PaintMonitor:
     """Compares the paint in the picture with the detected lines; a `Monitor`.
 
-    A check takes two milliseconds, within the frame. Distorted pictures are not checked, as distortion bends the lines.
-    Only painted edges are.
+    A check takes two milliseconds, within the frame, without lens distortion, which bends the lines. Only painted edges
+    are checked.
 
     Args:
         every_s: from one check to the next; 0: none.
