@@ -13,7 +13,15 @@ from scipy.spatial.transform import RigidTransform
 from deckline.config import Navigation
 from deckline.recording.airsim import ReadOptions
 from deckline.recording.bag import Bag, MessageReader, Topic, deserialize, open_reader, refuse
-from deckline.recording.camera_file import OF_OPTION, STATED, check_fov, make_pinhole, note_assumed, note_camera
+from deckline.recording.camera_file import (
+    OF_OPTION,
+    STATED,
+    MountedCamera,
+    check_fov,
+    make_pinhole,
+    note_assumed,
+    note_camera,
+)
 from deckline.recording.pose_track import PoseTrack, join_tracks, make_track
 from deckline.recording.ros_messages import (
     BODY,
@@ -208,29 +216,20 @@ def open_bag(
     found = scan(path, reader, list(chosen))
     notes += [*depth_notes, *found.notes]
     body = _body_of(chooser, sources, found.tree, frame)
+    mounted, origin = _find_camera(chooser, pictures, frame, options)
     mount: PoseTrack | RigidTransform | None = None
-    mounted, origin = options.camera, OF_OPTION
     if mounted is None:
-        info = chooser.info(pictures, frame)
-        if info is not None:
-            mounted = camera_from_info(chooser.first(info), is_rectified(pictures.name), f"{path}: {info.name}")
-            origin = f"of {info.name}"
-        if mounted is None and options.fov_deg is not None:
-            height, width = decode_picture(chooser.first(pictures)).shape[:2]
-            mounted, origin = make_pinhole(width, height, options.fov_deg), STATED
-        if mounted is None:
-            what = "no camera_info" if info is None else f"{info.name} is not calibrated"
-            notes.append(note_assumed(str(path), what, "give --camera FILE"))
-        else:
-            mount = read_mount(found.tree, frame, body, f"{path}: mount", navigation)
-            if mount is None:
-                notes.append(f"{path}: no transform from {body} to {frame!r}: the camera is taken to point forward")
+        notes.append(note_assumed(str(path), origin, "give --camera FILE"))
+    elif options.camera is None:
+        mount = read_mount(found.tree, frame, body, f"{path}: mount", navigation)
+        if mount is None:
+            notes.append(f"{path}: no transform from {body} to {frame!r}: the camera is taken to point forward")
+        elif isinstance(mount, RigidTransform):
+            mounted, mount = replace(mounted, body_from_camera=mount), None
     track = track if track is not None else _read_track(path, sources, found, body, navigation)
     times = np.array(found.times_s[pictures.name])
     no_poses = (f"{path}: no poses: the pictures alone say where the aircraft is",)
     notes += no_poses if track is None else track.notes_on(times)
-    if mounted is not None and isinstance(mount, RigidTransform):
-        mounted, mount = replace(mounted, body_from_camera=mount), None
     if mounted is not None:
         check_fov(mounted.camera, options.fov_deg, str(path))
         notes.append(note_camera(str(path), mounted.camera, origin))
@@ -240,6 +239,24 @@ def open_bag(
     used = f"pictures {pictures.name}" + "".join(f", poses {topic.name}" for topic in sources if track)
     source.notes = (f"{path}: {used}" + (f", depth {depth.name}" if depth else ""), *notes)
     return source
+
+
+def _find_camera(
+    chooser: TopicSelector, pictures: Topic, frame: str, options: ReadOptions
+) -> tuple[MountedCamera | None, str]:
+    """The camera: given, of camera_info, or of the stated field of view; and where it is from, or why there is none."""
+    if options.camera is not None:
+        return options.camera, OF_OPTION
+    why = "no camera_info"
+    if (info := chooser.info(pictures, frame)) is not None:
+        where, why = f"{chooser.path}: {info.name}", f"{info.name} is not calibrated"
+        mounted = camera_from_info(chooser.first(info), is_rectified(pictures.name), where)
+        if mounted is not None:
+            return mounted, f"of {info.name}"
+    if options.fov_deg is None:
+        return None, why
+    height, width = decode_picture(chooser.first(pictures)).shape[:2]
+    return make_pinhole(width, height, options.fov_deg), STATED
 
 
 def _message_reader(path: Path, topic: Topic, found: BagContents) -> tuple[MessageReader, NDArray[np.float64]]:
