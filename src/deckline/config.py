@@ -27,6 +27,7 @@ HEAVE_M = (0.0, 0.68, 1.09, 1.63)
 PITCH_ARM_M = 130.0  # from the pitch axis amidships to the visible lines: 166 m to the ramp, 96 m to the touchdown
 CALM_HEAVE_M = 0.02  # 1-sigma of what still moves a deck in a calm sea, as height
 CALM_SLOPE_DEG = 0.05  # and as slope
+USUAL_WIDTH_M = 20.0  # of a runway whose width is not stated: between 14.7 m (Li et al. 2024) and 24 m (carriers)
 
 
 @dataclass(frozen=True)
@@ -151,6 +152,11 @@ class Deck:
         calm = float(np.deg2rad(CALM_SLOPE_DEG))
         rise = np.hypot(CALM_HEAVE_M, np.hypot(pitch * PITCH_ARM_M, heave))
         return DeckMotion(float(rise), float(np.hypot(calm, pitch)), float(np.hypot(calm, roll)))
+
+    @property
+    def expected_width_m(self) -> float:
+        """The width as stated, else the usual one."""
+        return self.width_m or USUAL_WIDTH_M
 
     @property
     def slope_rad(self) -> float:

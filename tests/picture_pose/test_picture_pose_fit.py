@@ -23,12 +23,12 @@ from runway_picture import (
 )
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from deckline.config import Deck, RunConfig, Sensors
+from deckline.config import USUAL_WIDTH_M, Deck, RunConfig, Sensors
 from deckline.geometry import attitude, camera_mount
 from deckline.picture_pose.fit import HIGHEST, LOWEST, check_belief, closed_form, fit_pose
 from deckline.picture_pose.model import Mount
 from deckline.picture_pose.sights import LevelSight
-from deckline.picture_pose.states import RAMP_SIGMA_M, RAMP_SIGMA_SHARE, USUAL_WIDTH_M, Belief, States, shared_sigmas
+from deckline.picture_pose.states import RAMP_SIGMA_M, RAMP_SIGMA_SHARE, Belief, States, shared_sigmas
 from deckline.types import SIDES, Diagnostic, Reason
 
 FORWARD = Mount.of(camera_mount())

@@ -9,13 +9,12 @@ from hypothesis import strategies as st
 from runway_picture import CAMERA, IN_WIDTHS, LEVEL, Place, Runway, belief_of, draw_place
 from scipy.spatial.transform import Rotation
 
-from deckline.config import Deck, PicturePose, RunConfig, Sensors
+from deckline.config import USUAL_WIDTH_M, Deck, PicturePose, RunConfig, Sensors
 from deckline.geometry import Camera
 from deckline.picture_pose.states import (
     POINT_PER_FOCAL,
     TURN_SIGMA_RAD_S,
     TURN_TIME_S,
-    USUAL_WIDTH_M,
     States,
     initial_belief,
     line_rows,

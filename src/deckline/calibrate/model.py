@@ -13,7 +13,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from deckline.calibrate.observations import ApproachView
 from deckline.config import RunConfig
 from deckline.geometry import Camera, attitude, wrap_angle
-from deckline.track.states import SPACING_M, SPACING_SIGMA_M, drift_sigma, width_sigma_m
+from deckline.track.states import drift_sigma, width_sigma_m
 
 Array = NDArray[np.float64]
 CAMERA_NAMES = ("roll", "pitch", "yaw", "focal length", "cx", "cy", "delay")
@@ -171,13 +171,12 @@ def _fill_height(view: ApproachView, config: RunConfig, slopes: Array, centre: A
         return np.interp(np.arange(len(known)), np.flatnonzero(known), view.deck_z_m[known])
     frames, side = view.frame[0::2], view.side[0::2]
     both = [number for number in np.unique(frames) if (frames == number).sum() == 2]
-    width = config.deck.width_m or SPACING_M
     lowest = float(centre[:, 2].max()) + MIN_HEIGHT_M
     heights = []
     for number in both:
         rows = np.flatnonzero(frames == number)
         step = float(slopes[rows[side[rows] == 1][0]] - slopes[rows[side[rows] == 0][0]])
-        heights.append(float(centre[rows[0], 2]) + width / max(step, 1e-3))
+        heights.append(float(centre[rows[0], 2]) + config.deck.expected_width_m / max(step, 1e-3))
     return np.full(len(view.times_s), max(float(np.median(heights)) if heights else lowest, lowest))
 
 
@@ -195,8 +194,7 @@ def make_prior(view: ApproachView, reference: Reference, config: RunConfig) -> P
         across = np.array([-np.sin(reference.azimuth_rad), np.cos(reference.azimuth_rad)])
         mean[DRIFT] = float(across @ deck.ship_velocity_m_s)
     sigma[DRIFT] = drift_sigma(config)
-    mean[SPACING] = SPACING_M if deck.width_m is None else deck.width_m
-    sigma[SPACING] = SPACING_SIGMA_M if deck.width_m is None else width_sigma_m(config)
+    mean[SPACING], sigma[SPACING] = deck.expected_width_m, width_sigma_m(config)
     mean[ANGLE], sigma[ANGLE] = deck.angle_rad, deck.angle_sigma_rad
     is_stated = bool(np.isfinite(view.deck_z_m).any())
     sigma[HEIGHT] = max(config.deck_rest_sigma_m, 1e-3) if is_stated else UNKNOWN_HEIGHT_SIGMA_M

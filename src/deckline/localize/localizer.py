@@ -37,7 +37,7 @@ from deckline.types import (
 
 NO_LINE = Diagnostic(Reason.NO_LINE, "no line in the image")
 LOWEST_DECK_M = 0.5  # above the water
-USUAL_WIDTH_M = (10.0, 35.0)  # of landing runways of ships; beyond, the sign of the deck height is checked
+PLAUSIBLE_WIDTHS_M = (10.0, 35.0)  # of landing runways of ships; beyond, the sign of the deck height is checked
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,7 +229,7 @@ def _check_deck_sign(frame: Frame, fits: dict[str, LineFit], config: RunConfig) 
     height, other = deck_z_m - float(pose.translation[2]), -deck_z_m - float(pose.translation[2])
     spacing = abs(float((fits["right"].point_m - fits["left"].point_m)[:2] @ fits["centre"].right))
     expected = spacing * other / height if height > 0 else 0.0
-    if spacing <= USUAL_WIDTH_M[1] or not USUAL_WIDTH_M[0] <= expected <= USUAL_WIDTH_M[1]:
+    if spacing <= PLAUSIBLE_WIDTHS_M[1] or not PLAUSIBLE_WIDTHS_M[0] <= expected <= PLAUSIBLE_WIDTHS_M[1]:
         return ()
     message = (
         f"the deck height of {deck_z_m:g} m seems to have the wrong sign (z is down): the lines come out "

@@ -21,7 +21,7 @@ from deckline.picture_pose.model import (
     updated_covariance,
 )
 from deckline.picture_pose.sights import LevelSight, LineSight
-from deckline.picture_pose.states import USUAL_WIDTH_M, Belief, States, initial_belief
+from deckline.picture_pose.states import Belief, States, initial_belief
 from deckline.types import SIDES, Diagnostic, Reason
 
 Array = NDArray[np.float64]
@@ -96,8 +96,7 @@ def closed_form(
     spread = per_height["right"] - per_height["left"]
     if spread <= 0:
         return Diagnostic(Reason.CROSSED, "the left line lies right of the right line")
-    width = config.deck.width_m or USUAL_WIDTH_M
-    height = width / spread
+    height = config.deck.expected_width_m / spread
     lateral = -height * (per_height["right"] + per_height["left"]) / 2
     nearest = min(float((ray[:, 0] / ray[:, 2]).min()) for ray in (r @ rotation.T for r in rays.values()))
     return rotation, np.array([nearest * height, lateral, height])

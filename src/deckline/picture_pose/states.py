@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from deckline.config import RunConfig, Sensors
+from deckline.config import USUAL_WIDTH_M, RunConfig, Sensors
 from deckline.geometry import Camera
 
 Array = NDArray[np.float64]
-USUAL_WIDTH_M = 20.0  # the unit where none is stated: between 14.7 m (Li et al. 2024) and 24 m (carriers)
 
 
 class States:
@@ -132,7 +131,7 @@ def initial_belief(time_s: float, rotation: Array, place_m: Array, shared_sigma:
     mean, sigma = np.zeros(States.SIZE), np.zeros(States.SIZE)
     mean[States.PLACE] = place_m
     mean[States.RATES.start] = -CLOSING_M_S
-    mean[States.WIDTH] = config.deck.width_m or USUAL_WIDTH_M
+    mean[States.WIDTH] = config.deck.expected_width_m
     mean[States.ANGLE] = config.deck.angle_rad
     sigma[States.PLACE] = RAMP_SIGMA_M + RAMP_SIGMA_SHARE * place_m[0], PLACE_SIGMA_M, PLACE_SIGMA_M
     sigma[States.RATES] = CLOSING_SIGMA_M_S, SIDE_SIGMA_M_S, SIDE_SIGMA_M_S

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.config import RunConfig
+from deckline.config import USUAL_WIDTH_M, RunConfig
 from deckline.dehaze.horizon import find_horizon
 from deckline.dehaze.horizon_search import ANSWER_S, HorizonSearch
 from deckline.geometry import Camera, camera_mount
@@ -30,7 +30,7 @@ from deckline.picture_pose.memory import (
 from deckline.picture_pose.model import Mount
 from deckline.picture_pose.ramp import sight_ramp
 from deckline.picture_pose.sights import LevelSight, LineSight, sight_lines
-from deckline.picture_pose.states import USUAL_WIDTH_M, Belief, predict, shared_sigmas
+from deckline.picture_pose.states import Belief, predict, shared_sigmas
 from deckline.types import (
     SIDES,
     Detection,

@@ -49,7 +49,7 @@ FAULTS = States.SHARED_ERRORS.stop - States.SHARED_ERRORS.start + 1  # possible 
 
 # Initial state and its 1-sigma, P.
 INITIAL_SIGMA_M, INITIAL_SIGMA_RAD = 1000.0, 1.0  # of an unknown line
-SPACING_M, SPACING_SIGMA_M = 20.0, 20.0  # of an unknown spacing: between 14.7 m (Li et al. 2024) and 24 m (carriers)
+SPACING_SIGMA_M = 20.0  # of a runway whose width is not stated, about the usual one
 RAMP_SIGMA_M = 20.0  # of the ramp's place at first, far away
 DRIFT_SIGMA_M_S = 2.0  # of the lines' unknown sideways speed: 25 knots along a ship whose lines are angled
 KNOWN_DRIFT_SIGMA_M_S = 0.3  # the same when the ship's velocity is known
@@ -105,7 +105,9 @@ class FilterState:
 
 
 def width_sigma_m(config: RunConfig) -> float:
-    """1-sigma of a stated spacing: of itself, and of the place along not quite parallel lines where it holds."""
+    """1-sigma of the width: where stated, of itself and of the place along not quite parallel lines where it holds."""
+    if config.deck.width_m is None:
+        return SPACING_SIGMA_M
     return float(np.hypot(config.deck.width_sigma_m, config.deck.angle_sigma_rad * RAMP_SIGMA_M))
 
 
@@ -136,14 +138,13 @@ def initial_state(time_s: float, line: RunwayLine, ramp_m: Array | None, config:
         line: measured, world.
         ramp_m: (3,) world, about where the runway begins and has its stated spacing; None: at the line's point.
     """
-    width = config.deck.width_m
     mean = np.zeros(States.SIZE)
-    mean[States.SPACING] = SPACING_M if width is None else width
+    mean[States.SPACING] = config.deck.expected_width_m
     mean[States.ANGLE] = config.deck.angle_rad
     sigma = np.zeros(States.SIZE)
     sigma[[States.OFFSET, States.HEIGHT]] = INITIAL_SIGMA_M
     sigma[States.AZIMUTH] = INITIAL_SIGMA_RAD
-    sigma[States.SPACING] = SPACING_SIGMA_M if width is None else width_sigma_m(config)
+    sigma[States.SPACING] = width_sigma_m(config)
     sigma[States.ANGLE] = config.deck.angle_sigma_rad
     sigma[States.DRIFT] = drift_sigma(config)
     sigma[States.SHARED_ERRORS] = error_sigmas(config)
