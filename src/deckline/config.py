@@ -216,7 +216,8 @@ class RunwaySurvey:
     Args:
         ramp_m: (3,) world, middle between both lines' near ends, m.
         heading_deg: direction of landing, from world x (north) towards world y (east), degrees.
-        width_m: between the middles of the two lines, m.
+        width_m: of the part that is searched, m; None: `Deck.width_m`, 24 where that is not stated. Nothing is measured
+            by it.
         length_m: of the lines, m.
         sigma_m: 1-sigma of the runway's place as the aircraft sees it, its own position error included, m.
         heading_sigma_deg: 1-sigma of its direction as the aircraft sees it, its own heading error included, degrees.
@@ -224,7 +225,7 @@ class RunwaySurvey:
 
     ramp_m: tuple[float, float, float] | None = None
     heading_deg: float = 0.0
-    width_m: float = 24.0
+    width_m: float | None = None
     length_m: float = 240.0
     sigma_m: float = 20.0
     heading_sigma_deg: float = 2.0

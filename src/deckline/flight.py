@@ -93,7 +93,7 @@ class Flight:
         self.tracker = Tracker(config) if config.tracking.enabled else None
         self.picture = PictureTracker(config)
         self._by_picture = False  # what answered last
-        self._survey = prior_from_survey(config.survey)
+        self._survey = prior_from_survey(config.survey, config.deck.width_m)
         self._image_prior = ImagePrior()
         self._stack = FrameStack(config.models.join_frames)
         self._scheduler: SearchScheduler | None = None

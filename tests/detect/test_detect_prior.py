@@ -33,8 +33,10 @@ def frame_at(
     return Frame("f", 0.0, np.zeros((camera.height, camera.width, 3), np.uint8), camera, world_from_body=pose)
 
 
-def test_a_survey_lays_the_lines_out():
-    prior = prior_from_survey(RunwaySurvey((10.0, 20.0, -5.0), heading_deg=90.0, width_m=24.0, length_m=200.0))
+@pytest.mark.parametrize(("width_m", "deck_width_m"), [(24.0, 15.0), (None, 24.0)])
+def test_a_survey_lays_the_lines_out(width_m, deck_width_m):
+    survey = RunwaySurvey((10.0, 20.0, -5.0), heading_deg=90.0, width_m=width_m, length_m=200.0)
+    prior = prior_from_survey(survey, deck_width_m)
     # Landing to the east: left is north, larger x.
     np.testing.assert_allclose(prior.left_m, [[22.0, 20.0, -5.0], [22.0, 220.0, -5.0]], atol=1e-9)
     np.testing.assert_allclose(prior.right_m, [[-2.0, 20.0, -5.0], [-2.0, 220.0, -5.0]], atol=1e-9)
