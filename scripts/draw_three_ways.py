@@ -21,9 +21,9 @@ from deckline.flight import Flight, FrameResult
 from deckline.geometry import Camera
 from deckline.recording import open_recording
 from deckline.report.annotators import LineAnnotator, NeedleAnnotator
-from deckline.truth import range_to_ramp_m, true_guidance
+from deckline.truth import range_to_ramp_m, true_guidance, true_width_m
 from deckline.types import Frame
-from deckline_lab.evaluation.picture_alone import NORMAL_95, QUANTITIES, PictureScore, score, width_of, without_pose
+from deckline_lab.evaluation.picture_alone import NORMAL_95, QUANTITIES, PictureScore, score, without_pose
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
@@ -66,7 +66,9 @@ def fly(recording: Path, name: str, shown: float) -> Way:
     """The recording flown in one of `WAYS`."""
     source = open_recording(recording)
     first = source.load(0)
-    config, width_m = RunConfig(), width_of(first)
+    config, width_m = RunConfig(), true_width_m(first.truth)
+    if width_m is None:
+        raise ValueError(f"{recording}: no runway in its truth")
     if name != WAYS[2]:
         config = replace(config, deck=replace(config.deck, width_m=width_m))
     scores, picture = [], first.image_rgb

@@ -123,7 +123,7 @@ class Deck:
     Args:
         sea_state: 0 to 6: how much the deck moves about the rest that the ship reports; 0 for a runway on land.
         slope_deg: 1-sigma of the deck's slope that one frame allows, degrees; None: by the sea state.
-        width_m: between the middles of both lines at the ramp, m; None: not known, it is learned.
+        width_m: between the middles of both lines at the ramp, across the centre line, m; None: it is learned.
         width_sigma_m: 1-sigma of that, m.
         angle_deg: the right line's direction minus the left line's, degrees.
         angle_sigma_deg: 1-sigma of that; painted lines are not exactly parallel (Li et al. 2024: 0.37 degrees).

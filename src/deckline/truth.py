@@ -56,10 +56,10 @@ def true_centre(truth: Truth | None) -> Segment | None:
 
 
 def true_width_m(truth: Truth | None) -> float | None:
-    """Distance between the true edge lines at the ramp, across the runway, m; None where there is no runway."""
+    """Distance between the true edge lines at the ramp, across the centre line, m; None where there is no runway."""
     if not (lines := true_segments(truth)):
         return None
-    return float(abs((lines["right"].p0_m - lines["left"].p0_m) @ _right(true_line(lines["left"]))))
+    return float(abs((lines["right"].p0_m - lines["left"].p0_m) @ true_line(lines["centre"]).right))
 
 
 def lengths_in_widths(guidance: Guidance | None, width_m: float | None) -> InWidths | None:
@@ -100,7 +100,7 @@ def state_error(line: RunwayLine, truth: Segment) -> Array:
     if abs(turn) > np.pi / 2:
         turn -= np.sign(turn) * np.pi
     slope = float(along[2] / np.hypot(along[0], along[1]))
-    return np.array([delta @ _right(exact), turn, delta[2] - slope * (delta @ exact.direction)])
+    return np.array([delta @ exact.right, turn, delta[2] - slope * (delta @ exact.direction)])
 
 
 def passing_distance_m(line: RunwayLine, truth: Segment, place_m: Array) -> tuple[float, float]:
@@ -108,7 +108,7 @@ def passing_distance_m(line: RunwayLine, truth: Segment, place_m: Array) -> tupl
     exact = true_line(truth)
     delta = line.point_m - place_m
     back = float(delta @ exact.direction) / float(line.direction @ exact.direction)
-    return float((delta - back * line.direction) @ _right(exact)), float(delta[2])
+    return float((delta - back * line.direction) @ exact.right), float(delta[2])
 
 
 def compare_line(line: RunwayLine, truth: Segment) -> dict[str, float]:
@@ -164,10 +164,6 @@ def errors_against(
         written: {side: found.get(side, {}).get(name) for side in segments} for written, name in names.items()
     }
     return errors | {"guidance": _guidance_errors(measured, exact, true_width_m(truth))}
-
-
-def _right(line: RunwayLine) -> Array:
-    return np.array([-line.direction[1], line.direction[0], 0.0])
 
 
 def _guidance_errors(measured: Guidance, truth: Guidance | None, width_m: float | None) -> dict[str, float | None]:

@@ -24,9 +24,8 @@ def test_the_runway_is_expected_where_it_is_in_the_next_frame(ship):
             error = frame.world_from_body.translation - truth.translation
             for side, ends in (("left", expected.left_m), ("right", expected.right_m)):
                 line = true_lines(flight, frame.time_s)[side]
-                right = np.array([-line.direction[1], line.direction[0], 0.0])
                 away = ends[0] - error - line.point_m
-                beside.append(abs(away @ right) / expected.sigma_m)
+                beside.append(abs(away @ line.right) / expected.sigma_m)
                 along.append(away @ line.direction)
                 assert np.linalg.norm(ends[1] - ends[0]) == pytest.approx(LENGTH_M, abs=40.0)
         advance(tracker, frame, estimate)

@@ -200,7 +200,7 @@ def test_a_line_that_comes_back_to_a_track_that_others_held_ends_its_flag():
     for index, (frame, estimate, _) in enumerate(approach(flight, errors=draw_errors(flight))):
         if 12 <= index < 18 and "right" in estimate.lines:
             right = estimate.lines["right"]
-            outside = right.point_m + 4.0 * np.array([-right.direction[1], right.direction[0], 0.0])
+            outside = right.point_m + 4.0 * right.right
             estimate = replace(estimate, lines=estimate.lines | {"right": replace(right, point_m=outside)})
         track = advance(tracker, frame, estimate)
         ages.append(track.age_s)

@@ -195,11 +195,10 @@ def _angle(across: Value, ahead_sigma_m: float, ahead_m: float) -> Value:
 
 def _lateral_deviation(place_m: np.ndarray, centre: RunwayLine) -> Value:
     """The place's distance from the centre line, m, positive to its right."""
-    right = np.array([-np.sin(centre.azimuth_rad), np.cos(centre.azimuth_rad), 0.0])
     offset = place_m - centre.point_m
     # The line's offset abreast of the aircraft: its offset at its point plus azimuth times the distance to it.
     lever = np.array([1.0, float(offset @ centre.direction), 0.0])
-    return Value(float(offset @ right), float(np.sqrt(lever @ centre.aircraft_covariance @ lever)))
+    return Value(float(offset @ centre.right), float(np.sqrt(lever @ centre.aircraft_covariance @ lever)))
 
 
 def _heading_error(body: RigidTransform, centre: RunwayLine) -> Value | None:

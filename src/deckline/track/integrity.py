@@ -146,8 +146,7 @@ def check_order(lines: dict[str, RunwayLine]) -> Diagnostic | None:
     if "left" not in lines or "right" not in lines:
         return None
     left, right = lines["left"], lines["right"]
-    lateral_axis = np.array([-left.direction[1], left.direction[0], 0.0])
-    spacing = float((right.point_m - left.point_m) @ lateral_axis)
+    spacing = float((right.point_m - left.point_m) @ left.right)
     if spacing > MIN_SPACING_M:
         return None
     return Diagnostic(Reason.SWAPPED, f"the right line lies {-spacing:.1f} m left of the left line")

@@ -97,6 +97,11 @@ class RunwayLine:
         return np.array([np.cos(self.azimuth_rad), np.sin(self.azimuth_rad), 0.0])
 
     @property
+    def right(self) -> NDArray[np.float64]:
+        """Unit vector (3,) to the right of the line."""
+        return np.array([-np.sin(self.azimuth_rad), np.cos(self.azimuth_rad), 0.0])
+
+    @property
     def slope(self) -> float:
         """k of y = k x + b (paper: -w1 / w2); infinite for a line along y."""
         return float(np.tan(self.azimuth_rad))

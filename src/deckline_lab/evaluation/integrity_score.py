@@ -9,7 +9,7 @@ import numpy as np
 
 from deckline.config import Approach
 from deckline.flight import Flight, FrameResult
-from deckline.truth import passing_distance_m, range_to_ramp_m, true_guidance, true_line, true_segments
+from deckline.truth import range_to_ramp_m, true_guidance, true_width_m
 from deckline.types import Status
 from deckline_lab.evaluation.approaches import FlightsConfig, Sighting
 from deckline_lab.evaluation.integrity_faults import FAULTS, inject
@@ -221,10 +221,9 @@ def fly_run(sightings: Sequence[Sighting], run: FaultRun, flights: FlightsConfig
 def flight_with(sightings: Sequence[Sighting], run: FaultRun, flights: FlightsConfig, models: Flight) -> Flight:
     """The flight of a run, with its aid; arguments as in `fly_run`."""
     config, width_off = flights.run, _draw_width_error(run, flights)
-    if AIDS[run.aid].width or width_off:
-        true = true_segments(sightings[0].frame.truth)
-        width_m, _ = passing_distance_m(true_line(true["right"]), true["left"], true["left"].p0_m)
-        config = replace(config, deck=replace(config.deck, width_m=(1.0 + width_off) * abs(width_m)))
+    width_m = true_width_m(sightings[0].frame.truth)
+    if (AIDS[run.aid].width or width_off) and width_m is not None:
+        config = replace(config, deck=replace(config.deck, width_m=(1.0 + width_off) * width_m))
     return Flight.from_config(config, dehazer=models.dehazer, detector=models.detector)
 
 

@@ -14,7 +14,7 @@ from deckline.flight import Flight, FrameResult
 from deckline.options import RunOptions
 from deckline.recording import FrameError, open_recording
 from deckline.report.bands import by_band
-from deckline.truth import range_to_ramp_m, true_centre, true_guidance
+from deckline.truth import range_to_ramp_m, true_guidance, true_width_m
 from deckline.types import Frame, Guidance, Reason, Status, Value
 from deckline_lab.evaluation.tables import MISSING, TO_TERMINAL, Figures, Output, Table, number, publish
 from deckline_lab.rivals.catalog import flight_from_config
@@ -96,25 +96,17 @@ def score_recording(
                 continue
             if frame.truth is None:
                 raise ValueError(f"{path}: frames without truth; record with deckline sim")
-            if (truth := true_guidance(frame, base.approach)) is None:
+            truth, width_m = true_guidance(frame, base.approach), true_width_m(frame.truth)
+            if truth is None or width_m is None:
                 continue
             if flight is None or single:
-                wrong, true_m = error * rng.standard_normal(2), width_of(frame)
+                wrong, true_m = error * rng.standard_normal(2), width_m
                 config = _config(base, single, true_m if knows_width else None, error, wrong)
                 flight = Flight(config, flight.dehazer, flight.detector) if flight else flight_from_config(config)
                 flights.enter_context(flight)
             result = flight(without_pose(frame, error, float(wrong[1])))
             scores.append(score(result, truth, range_to_ramp_m(frame), true_m))
     return scores
-
-
-def width_of(frame: Frame) -> float:
-    """The true spacing of the lines at the ramp, m."""
-    truth, centre = frame.truth, true_centre(frame.truth)
-    if truth is None or centre is None or truth.left is None or truth.right is None:
-        raise ValueError(f"{frame.file}: no runway in its truth")
-    along = (centre.p1_m - centre.p0_m)[:2] / np.linalg.norm((centre.p1_m - centre.p0_m)[:2])
-    return float((truth.right.p0_m - truth.left.p0_m)[:2] @ [-along[1], along[0]])
 
 
 def without_pose(frame: Frame, focal_sigma: float, focal_error: float) -> Frame:
