@@ -229,6 +229,12 @@ class Follower:
         patch.setattr("deckline.dehaze.horizon_search.find_horizon", find)
         patch.setattr("deckline.picture_pose.tracker.find_horizon", find)
 
+    @property
+    def belief(self) -> Belief:
+        memory = self.tracker._memory
+        assert memory is not None
+        return memory.belief
+
     def __call__(self, frame: Frame, detection: Detection, flags: Diagnostics = ()) -> PictureAnswer:
         estimate = localize(frame, detection, self.config, np.random.default_rng(0))
         return self.tracker.update(frame, detection, estimate, flags)
@@ -242,6 +248,20 @@ class Follower:
     ) -> list[PictureAnswer]:
         """The answers of the frames of some times."""
         return [self(frame_at(time_s), see(flight(time_s), runway, rng=rng)) for time_s in times]
+
+
+FLIGHT = fly()
+
+
+def with_horizon(
+    patch: pytest.MonkeyPatch,
+    config: RunConfig = LEVEL,
+    flight: Callable[[float], Place] = FLIGHT,
+    seed: int | None = None,
+) -> Follower:
+    """A follower whose pictures show the horizon of a flight."""
+    rng = None if seed is None else np.random.default_rng([seed, 8])
+    return Follower(config, patch, lambda time_s: horizon_of(flight(time_s), rng=rng))
 
 
 def seconds(start_s: float, end_s: float) -> np.ndarray:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from runway_picture import (
     CAMERA,
+    FLIGHT,
     IN_WIDTHS,
     LEVEL,
     MOUNT,
@@ -34,7 +35,6 @@ from deckline.geometry import Camera, attitude
 from deckline.picture_pose.states import DIP_RAD
 from deckline.types import Detection, LinePoints, PoseSource, Reason, Status
 
-FLIGHT = fly()
 SILENT = {Status.UNVERIFIED, Status.NOT_SEEN, Status.COASTING, Status.ONE_LINE}
 
 
