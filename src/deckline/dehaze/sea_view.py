@@ -1,6 +1,6 @@
 """The sea as a posed camera sees it: every pixel's angle below the horizontal, and its range to the water."""
 
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -46,7 +46,7 @@ def view_sea(camera: Camera, world_from_camera: RigidTransform, sea_z_m: float) 
     A ray that falls by sine s from height h meets a sphere of radius R after 2 h / (s + sqrt(s^2 - 2 h / R)), and
     nowhere when the root is not real; terms of h / R beside 1 are left out.
     """
-    x, y = _slopes(astuple(camera))
+    x, y = _slopes(camera)
     right, below, ahead = world_from_camera.rotation.as_matrix()[2].astype(np.float32)
     down = (right * x + (below * y + ahead)) / np.sqrt(x * x + (y * y + 1))
     np.nan_to_num(down, copy=False, nan=-1.0)
@@ -64,14 +64,13 @@ def view_water(down: Float32, height_m: float) -> SeaView:
 
 def ray_lengths(camera: Camera) -> Float32:
     """Length of the z = 1 ray of every pixel (H, W), as `Camera.ray_lengths`."""
-    x, y = _slopes(astuple(camera))
+    x, y = _slopes(camera)
     return np.sqrt(x * x + (y * y + 1))
 
 
 @lru_cache(maxsize=CACHED_CAMERAS)
-def _slopes(intrinsics: tuple) -> tuple[Float32, Float32]:
+def _slopes(camera: Camera) -> tuple[Float32, Float32]:
     """Every pixel's ray, right and down for each step ahead: (1, W) and (H, 1) of a pinhole, else (H, W) each."""
-    camera = Camera(*intrinsics)
     if not camera.has_distortion:
         x = (np.arange(camera.width) - camera.cx) / camera.fx
         y = (np.arange(camera.height) - camera.cy) / camera.fy

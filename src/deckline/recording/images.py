@@ -10,7 +10,6 @@ import re
 import struct
 import warnings
 from contextlib import suppress
-from dataclasses import astuple
 from functools import lru_cache
 from pathlib import Path
 from typing import Literal
@@ -193,13 +192,10 @@ def convert_to_axial_depth(
     depth: NDArray[np.float32] = np.where(seen, stored, np.float32(np.nan))
     if depth_type == DEPTH_PLANAR:
         return depth
-    return depth / _cache_ray_lengths(*astuple(camera))
+    return depth / _ray_lengths(camera)
 
 
-@lru_cache(maxsize=4)
-def _cache_ray_lengths(*intrinsics) -> NDArray[np.float32]:
-    """Cached by value: a recording makes a new Camera for each frame."""
-    return Camera(*intrinsics).ray_lengths()
+_ray_lengths = lru_cache(maxsize=4)(Camera.ray_lengths)
 
 
 def check_depth_size(shape: tuple[int, ...], camera: Camera, name: str) -> None:
