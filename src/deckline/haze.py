@@ -27,18 +27,18 @@ def triple(values: ArrayLike) -> Triple:
     return first, second, third
 
 
-def beta_from_visibility(visibility_m: float, contrast: float = CONTRAST_THRESHOLD) -> float:
+def beta_from_visibility(visibility_m: float) -> float:
     """Extinction coefficient, 1/m. Infinite visibility gives 0."""
     if not visibility_m > 0:
         raise ValueError(f"visibility must be positive metres, got {visibility_m}")
-    return float(-np.log(contrast) / visibility_m)
+    return float(-np.log(CONTRAST_THRESHOLD) / visibility_m)
 
 
-def visibility_from_beta(beta_per_m: float, contrast: float = CONTRAST_THRESHOLD) -> float:
+def visibility_from_beta(beta_per_m: float) -> float:
     """Visibility, m, of an extinction coefficient. Zero extinction gives infinity."""
     if beta_per_m < 0:
         raise ValueError(f"extinction must not be negative, got {beta_per_m} 1/m")
-    return float("inf") if beta_per_m == 0 else float(-np.log(contrast) / beta_per_m)
+    return float("inf") if beta_per_m == 0 else float(-np.log(CONTRAST_THRESHOLD) / beta_per_m)
 
 
 def transmission(range_m: ArrayLike, beta_per_m: float) -> NDArray[np.float32]:
