@@ -7,7 +7,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from deckline import guide
 from deckline.config import Approach
 from deckline.geometry import Camera, attitude
-from deckline.track.prior_tests import YOUNG
+from deckline.trackers import YOUNG
 from deckline.types import (
     DepthMode,
     Diagnostic,

@@ -13,7 +13,6 @@ from deckline.picture_pose.integrity import (
     MAX_CONTRADICTED,
     MESSAGES,
     MIN_AGE_S,
-    OBSERVED_SHARE,
     Evidence,
     bias_flag,
     prior_tests,
@@ -21,6 +20,7 @@ from deckline.picture_pose.integrity import (
     unverified_reasons,
 )
 from deckline.picture_pose.states import States, shared_sigmas
+from deckline.trackers import OBSERVED_SHARE
 from deckline.types import Reason
 
 SHARED = shared_sigmas(CAMERA, LEVEL)

@@ -26,9 +26,9 @@ from scipy.stats import chi2
 
 from deckline.dehaze.horizon_search import ANSWER_S
 from deckline.geometry import attitude, camera_mount
-from deckline.picture_pose.memory import CORRELATION_TIME_S
 from deckline.picture_pose.model import Mount, horizon_innovation, lines_innovation, update
 from deckline.picture_pose.states import States, predict, shared_sigmas
+from deckline.trackers import CORRELATION_TIME_S
 from deckline.types import Detection, Diagnostic, LinePoints, PoseSource, Reason, TrackState
 
 NOTHING = Detection(LinePoints.empty(), LinePoints.empty())

@@ -18,7 +18,6 @@ from deckline.track.motion import Pose
 from deckline.track.prior_tests import (
     UNBOUNDED_YAW,
     UNLIKELY,
-    YOUNG,
     bias_flag,
     drift_flag,
     prior_tests,
@@ -27,6 +26,7 @@ from deckline.track.prior_tests import (
 from deckline.track.protection import fault_gains, least_closing_speed, protection_levels, undetected_yaw
 from deckline.track.stated_width import WidthTest
 from deckline.track.states import KNOWN_DRIFT_SIGMA_M_S, States, initial_state
+from deckline.trackers import YOUNG
 from deckline.types import DepthMode, Reason, RunwayLine, TrackState, Value
 
 SLOW = Flight(modes="both", rate_hz=4.0, start_m=500.0)

@@ -11,7 +11,8 @@ from deckline.calibrate.model import DISTURBANCES, Reference, residuals_px
 from deckline.calibrate.observations import ApproachView
 from deckline.config import RunConfig
 from deckline.track.motion import PITCH_PERIOD_S, ROLL_PERIOD_S, oscillate
-from deckline.track.states import CORRELATION_TIME_S, TURN_RAD_S05
+from deckline.track.states import TURN_RAD_S05
+from deckline.trackers import CORRELATION_TIME_S
 
 Array = NDArray[np.float64]
 HORIZON_CORRELATION_S = 30.0  # haze and waves raise or lower the horizon of one approach alike; our choice

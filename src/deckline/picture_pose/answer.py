@@ -10,6 +10,7 @@ from deckline.config import RunConfig
 from deckline.picture_pose.integrity import protection_levels
 from deckline.picture_pose.model import SIGN
 from deckline.picture_pose.states import Belief, States, line_rows
+from deckline.trackers import MAX_SPEED_SIGMA_M_S
 from deckline.types import (
     DepthMode,
     Frame,
@@ -25,7 +26,6 @@ from deckline.types import (
 
 Array = NDArray[np.float64]
 REPLACED = {Reason.NO_POSE, Reason.NO_CAMERA}  # reasons that hold no longer
-MAX_SPEED_SIGMA_M_S = 20.0  # above which no rate is given
 
 
 def with_pose(frame: Frame, belief: Belief) -> Frame:

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from deckline.config import RunConfig
 from deckline.picture_pose.states import Belief, States, line_rows
 from deckline.probability import chi2_tail, two_sided_quantile
+from deckline.trackers import OBSERVED_SHARE, YOUNG
 from deckline.types import ASSUMED_CAMERA, MAX_FOCAL_SIGMA, Diagnostic, Diagnostics, Protection, Reason
 
 Array = NDArray[np.float64]
-OBSERVED_SHARE = 0.1  # of a prior's variance that must be gone before its estimate is tested
 MIN_AGE_S = 1.0  # of a track, before it counts as able to show contradictions
 CHANGED_S = 10.0  # after lines that contradicted the track came back: an approach's last part; our choice
 MAX_CONTRADICTED = 0.2  # share of the frames whose lines all contradict the track, beyond which it is in doubt
@@ -37,7 +37,6 @@ MESSAGES = {
     States.LEFT: (Reason.LEFT, 1.0, "the left line seems to be another marking, {:+.1f} m beside it"),
     States.RIGHT: (Reason.RIGHT, 1.0, "the right line seems to be another marking, {:+.1f} m beside it"),
 }
-YOUNG = Diagnostic(Reason.YOUNG_TRACK, "the track is too young to show contradictions")
 UNLIKELY = Diagnostic(Reason.UNLIKELY_ERRORS, "the errors of camera, horizon and paint are unlikely together")
 NO_HORIZON = Diagnostic(Reason.NO_HORIZON, "neither a horizon nor an attitude confirms the roll that the lines suggest")
 NO_RAMP = Diagnostic(Reason.NO_RAMP, "the ramp was not seen: nothing shows that the lines are a runway's")

@@ -21,11 +21,10 @@ from deckline.picture_pose.ramp import SPAN_S, RampFix, RampSight, check_closing
 from deckline.picture_pose.sights import HorizonSight, LevelSight, LineSight, sight_horizon
 from deckline.picture_pose.states import PLACE_SIGMA_M, TURN_SIGMA_RAD_S, Belief, States, predict
 from deckline.probability import chi2_gate
+from deckline.trackers import CORRELATION_TIME_S, RAMP_CORRELATION_S
 from deckline.types import SIDES, Detection, Diagnostic, Diagnostics, Frame, Reason, RunwayEstimate
 
 Array = NDArray[np.float64]
-CORRELATION_TIME_S = 0.33  # frames so close together err alike, so that they count as one; as in `track.states`
-RAMP_CORRELATION_S = 1.0  # the same of the ramp
 RAMP_EVERY_S = 0.2  # so often the near ends are searched
 SINGLE_FRAME_S = 0.15  # a line that is left out for no longer may be one frame's error
 MIN_STEP_S = 1e-6

@@ -31,6 +31,7 @@ from deckline.picture_pose.model import Mount
 from deckline.picture_pose.ramp import sight_ramp
 from deckline.picture_pose.sights import LevelSight, LineSight, sight_lines
 from deckline.picture_pose.states import Belief, predict, shared_sigmas
+from deckline.trackers import NEW_FLIGHT_S, UNUSABLE
 from deckline.types import (
     SIDES,
     Detection,
@@ -47,8 +48,6 @@ Array = NDArray[np.float64]
 MIN_HORIZONS = 2  # that agree: one alone may be a cloud's edge
 HORIZON_VALID_S = 3.0  # a horizon that agreed so long ago still confirms the roll
 STEADY_S = 1.0  # without a turn that no aircraft makes
-NEW_FLIGHT_S = 2.0  # a time this far back is another flight, not a late frame; as in `track.tracker`
-UNUSABLE = {Reason.FROZEN}  # flags of a frame whose lines may not update the track
 
 
 @dataclass(frozen=True, eq=False)

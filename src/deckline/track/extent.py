@@ -7,13 +7,13 @@ from numpy.typing import NDArray
 
 from deckline.geometry import intersect_plane, rotation_matrix
 from deckline.track.states import FAULTS, FilterState, States
+from deckline.trackers import RAMP_CORRELATION_S
 from deckline.types import SIDES, Frame, RunwayEstimate, RunwayLine, RunwayPrior, Value
 
 Array = NDArray[np.float64]
 SHIP_SPEED_SIGMA_M_S = 15.0  # of an unknown ship; 29 knots
 KNOWN_SPEED_SIGMA_M_S = 0.5  # of a ship whose velocity is stated
 SPEED_M_S15 = 0.1  # noise density of it
-CORRELATION_S = 1.0  # over which ramp positions share the same error of attitude and of the detector
 MIN_HEIGHT_M = 0.5  # of the camera above the deck, below which a ramp is not moved onto the deck's present height
 MIN_RAMP_OWN_SHARE = 0.1  # of a ramp's 1-sigma that does not come from the deck's height
 MIN_RAMP_SIGMA_M = 0.1
@@ -124,7 +124,7 @@ def update_extent(
             response = np.stack([ramp.response, np.zeros_like(ramp.response)])
             extent = Extent(_point_at(state, place), ship_m_s or 0.0, covariance, response, True, length)
         elif not _is_beyond(extent, state, place, sigma_m, gate_sigma):
-            inflation = max(1.0, 2 * CORRELATION_S / max(step_s, 1e-3))
+            inflation = max(1.0, 2 * RAMP_CORRELATION_S / max(step_s, 1e-3))
             extent = _measure_ramp(extent, state, place, sigma_m**2 * inflation, ramp.response)
     elif extent is None and visible is not None:
         length = visible[1] - visible[0]

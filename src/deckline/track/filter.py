@@ -9,10 +9,10 @@ from deckline.config import RunConfig
 from deckline.geometry import wrap_angle
 from deckline.track.motion import Aircraft, Pose
 from deckline.track.states import FilterState, States, transition_and_noise
+from deckline.trackers import MAX_SPEED_SIGMA_M_S
 from deckline.types import RunwayLine, Value
 
 Array = NDArray[np.float64]
-MAX_SPEED_SIGMA_M_S = 20.0  # of the aircraft's velocity, above which no rate is given
 SIGN = {"left": -1.0, "right": 1.0, "centre": 0.0}
 
 

@@ -22,10 +22,10 @@ from deckline.track.states import (
     error_sigmas,
     width_sigma_m,
 )
+from deckline.trackers import OBSERVED_SHARE, YOUNG
 from deckline.types import Diagnostic, Diagnostics, Reason
 
 Array = NDArray[np.float64]
-OBSERVED_SHARE = 0.1  # of a prior's variance that must be gone before its estimate is tested
 MESSAGES = {
     States.ATTITUDE_X: (Reason.BORESIGHT, "degrees", "the camera seems rolled by {:+.2f} degrees against its mounting"),
     States.ATTITUDE_Y: (
@@ -47,7 +47,6 @@ MESSAGES = {
         "the lines drift sideways at {:+.1f} m/s, which neither ship nor heading explain",
     ),
 }
-YOUNG = Diagnostic(Reason.YOUNG_TRACK, "the track is too young to show contradictions")
 UNLIKELY = Diagnostic(
     Reason.UNLIKELY_ERRORS, "the errors of sensors and paint that would explain the lines are unlikely together"
 )

@@ -68,9 +68,6 @@ DECK_PERIODS_S = (  # of the deck's damped oscillations
 SENSOR_FLOOR = 1e-5, 1e-3, 1e-4  # of the stated sensors: rad, m, share
 MIN_OWN_SIGMA = 1e-5  # m, rad; of a line's own noise
 MIN_OWN_SHARE = 0.02  # of a measurement's variance that is its own and not shared by all frames
-# Frames so close together err alike, so that they count as one: points are off the same way, and a deck moves otherwise
-# than as an oscillation. 30 full frames a second contradict a stated width in half of the nominal flights.
-CORRELATION_TIME_S = 0.33
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,8 @@ from deckline.track.measurement import GatedMeasurement, Measurement, measure, s
 from deckline.track.motion import Aircraft, advance_aircraft, start_aircraft
 from deckline.track.protection import fault_gains
 from deckline.track.stated_width import compare_width
-from deckline.track.states import CORRELATION_TIME_S, SENSOR_FLOOR, initial_state
+from deckline.track.states import SENSOR_FLOOR, initial_state
+from deckline.trackers import CORRELATION_TIME_S, NEW_FLIGHT_S, UNUSABLE
 from deckline.types import (
     SIDES,
     Diagnostic,
@@ -29,12 +30,10 @@ from deckline.types import (
 )
 
 Array = NDArray[np.float64]
-NEW_FLIGHT_S = 2.0  # a time this far back is another flight, not a late frame
 MAX_REFUSED = 10  # frames in a row: without a time the track's age is unknown
 CAUSE_SIGMA = 3.0  # of the stated width, beyond which it is named as the cause of lines that begin no track
 ROUNDING_S = 1e-6  # of sums of times
 MAX_SPEED_SIGMA_M_S = 3.0  # of the runway along its lines, beyond which its speed counts as unknown
-UNUSABLE = {Reason.FROZEN}  # flags of a frame whose lines may not update the track
 
 
 @dataclass(frozen=True, eq=False)
