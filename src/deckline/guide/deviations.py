@@ -63,10 +63,7 @@ def guidance(frame: Frame, estimate: RunwayEstimate, track: Track | None, approa
     source = _select_source(estimate, track)
     flags = estimate.flags if track is None else track.flags + estimate.flags
     scale_sources = _scale_sources(estimate, track)
-    by_picture = frame.pose_source is PoseSource.PICTURE
-    doubts: Diagnostics = () if scale_sources or by_picture else (NO_SCALE,)
-    alone = (ONE_FRAME,) if by_picture else (*focal_doubts(frame.camera.focal_sigma), ONE_FRAME)
-    doubts += track.doubts if track is not None and track.lines else alone
+    doubts = _find_doubts(frame, track, scale_sources)
     base = Guidance(
         frame.time_s,
         guidance_status(estimate, track, flags, doubts),
@@ -99,6 +96,16 @@ def _in_widths(found: Guidance) -> Guidance:
     lateral, height = found.lateral_deviation_m, found.height_above_deck_m
     known = None if lateral is None or height is None else InWidths(lateral, height, found.distance_to_ramp_m)
     return replace(found, in_widths=known, lateral_deviation_m=None, height_above_deck_m=None, distance_to_ramp_m=None)
+
+
+def _find_doubts(frame: Frame, track: Track | None, scale_sources: tuple[Scale, ...]) -> Diagnostics:
+    """Why two lines that nothing contradicts are not `ok`; a track has its own doubts, of the focal length too."""
+    by_picture = frame.pose_source is PoseSource.PICTURE
+    scale: Diagnostics = () if scale_sources or by_picture else (NO_SCALE,)
+    if track is not None and track.lines:
+        return scale + track.doubts
+    focal: Diagnostics = () if by_picture else focal_doubts(frame.camera.focal_sigma)
+    return (*scale, *focal, ONE_FRAME)
 
 
 def _scale_sources(estimate: RunwayEstimate, track: Track | None) -> tuple[Scale, ...]:
