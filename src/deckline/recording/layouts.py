@@ -85,27 +85,33 @@ def open_recording(
     options = ReadOptions(fov_deg, camera, deck_z_m, sea_z_m, pfm_rows, far_m)
     if path.name == RECORD_FILE:
         path = path.parent
+    source = _open_layout(path, poses_file, options, navigation, topics)
+    if (runway_file := _find(path, RUNWAY_FILE)) is not None:
+        source.base_config, note = read_runway_file(runway_file)
+        source.notes += (note,)
+    source.on_skip = on_skip
+    return source
+
+
+def _open_layout(
+    path: Path, poses_file: Path | str | None, options: ReadOptions, navigation: Navigation, topics: Sequence[str]
+) -> Recording:
+    """A recording of AirSim, a ROS bag, or images or a video."""
     if not path.exists():
         raise RecordingError(f"{path}: there is no such file or folder")
     if (path / RECORD_FILE).exists():
         if poses_file is not None:
             raise RecordingError(f"{path}: an AirSim recording has its poses in {RECORD_FILE}; leave {poses_file} out")
         fallback = read_camera_file(path / CAMERA_FILE) if is_there(path / CAMERA_FILE) else None
-        source: Recording = AirSimRecording(path, options, fallback)
-    elif is_bag(path) and not (path.is_dir() and list_images(path)):
+        return AirSimRecording(path, options, fallback)
+    if is_bag(path) and not (path.is_dir() and list_images(path)):
         from deckline.recording.bag_topics import open_bag
 
         track = None if poses_file is None else _read_track(Path(poses_file), navigation)
-        source = open_bag(path, topics, options, track, navigation)
-    elif topics:
+        return open_bag(path, topics, options, track, navigation)
+    if topics:
         raise RecordingError(f"{path}: not a ROS bag: it has no topics; leave {', '.join(topics)} out")
-    else:
-        source = _open_images(path, poses_file, options, navigation)
-    if (runway_file := _find(path, RUNWAY_FILE)) is not None:
-        source.base_config, note = read_runway_file(runway_file)
-        source.notes += (note,)
-    source.on_skip = on_skip
-    return source
+    return _open_images(path, poses_file, options, navigation)
 
 
 def _open_images(
