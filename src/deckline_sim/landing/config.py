@@ -14,6 +14,7 @@ NavigationGrade = Literal["exact", "good", "tactical"]
 GuidanceSource = Literal["both", "navigation", "picture"]
 SightKind = Literal["rendered", "points", "guidance"]
 LONGEST_LATENCY_S = 1.0
+MODELLED_SEA_STATE = 4.0  # roughest of the flights that modelled guidance is fitted to: scripts/fit_sights.py
 
 
 @dataclass(frozen=True)
@@ -118,3 +119,6 @@ class LandingConfig:
             if given != value:
                 wanted = "the usual tracking" if name == "tracking" else f"{name} {value}, got {given}"
                 raise ValueError(f"sight 'guidance' is of {wanted}: fly others with sight 'points' or 'rendered'")
+        if self.sea_state > MODELLED_SEA_STATE:
+            most = f"sea_state {MODELLED_SEA_STATE:g}, got {self.sea_state:g}"
+            raise ValueError(f"sight 'guidance' is fitted up to {most}: fly others with sight 'points' or 'rendered'")

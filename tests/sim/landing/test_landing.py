@@ -9,7 +9,7 @@ from exact_sight import ExactSight
 from deckline.config import Models, Tracking
 from deckline_sim.landing.aircraft import AIRCRAFT_TYPES, DYNAMICS_HZ, Aircraft, Controls
 from deckline_sim.landing.autopilot import DECISION_M, WaveOff, in_window
-from deckline_sim.landing.config import LandingCamera, LandingConfig
+from deckline_sim.landing.config import MODELLED_SEA_STATE, LandingCamera, LandingConfig
 from deckline_sim.landing.landing import Sights, fly, is_misleading, start_aircraft
 from deckline_sim.landing.sight import Moment
 from deckline_sim.landing.touchdown import Outcome
@@ -140,11 +140,17 @@ def test_the_window_narrows_towards_the_deck(lateral, height, to_go, inside):
         ({"sight": "guidance", "camera": LandingCamera(fov_deg=30.0)}, "camera.fov_deg 60.0, got 30.0"),
         ({"sight": "guidance", "camera": LandingCamera(width=640)}, "camera.width 1280, got 640"),
         ({"sight": "guidance", "guidance": "picture"}, "points"),
+        ({"sight": "guidance", "sea_state": 4.5}, "sea_state 4, got 4.5"),
     ],
 )
 def test_impossible_settings_are_named(changes, named):
     with pytest.raises(ValueError, match=named):
         LandingConfig(**changes)
+
+
+def test_modelled_guidance_flies_what_it_is_fitted_to():
+    config = LandingConfig(sight="guidance", sea_state=4.0, camera=LandingCamera(rate_hz=20.0, latency_s=0.2))
+    assert config.sea_state == MODELLED_SEA_STATE
 
 
 def test_an_impossible_camera_is_named():
