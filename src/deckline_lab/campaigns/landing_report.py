@@ -6,6 +6,7 @@ from dataclasses import asdict
 from deckline.types import Status
 from deckline_lab.campaigns.landing_figures import draw_profile, draw_statuses, draw_touchdown
 from deckline_lab.campaigns.report import render_page, setting_rows
+from deckline_lab.campaigns.summary import NOT_MEASURED, measures_misleading
 from deckline_sim.landing.film import FilmedLanding
 from deckline_sim.landing.summary import name_outcome
 
@@ -34,7 +35,7 @@ def landing_html(filmed: FilmedLanding, film: str) -> str:
 
 
 def _cards(filmed: FilmedLanding) -> Iterator[tuple[str, str, str]]:
-    landing, answers = filmed.landing, filmed.answers
+    landing, answers, config = filmed.landing, filmed.answers, filmed.scene.config
     outcome, _, why = name_outcome(landing).partition(", ")
     yield "Outcome", outcome.capitalize(), why
     contact = landing.touchdown
@@ -44,7 +45,8 @@ def _cards(filmed: FilmedLanding) -> Iterator[tuple[str, str, str]]:
         yield "Sink", f"{contact.sink_m_s:.1f} m/s", "towards the deck"
     first = "never" if landing.first_ok_m is None else f"{landing.first_ok_m:.0f} m"
     ok = sum(answer.status is Status.OK for answer in answers)
-    yield "First ok, to the ramp", first, f"{ok} of {len(answers)} answers ok, {landing.misleading} misleading"
+    misleading = str(landing.misleading) if measures_misleading(config.sight, config.guidance) else NOT_MEASURED
+    yield "First ok, to the ramp", first, f"{ok} of {len(answers)} answers ok, misleading: {misleading}"
 
 
 def _figures(filmed: FilmedLanding) -> Iterator[tuple[str, str, str]]:

@@ -16,6 +16,7 @@ from deckline_lab.campaigns.plan import CampaignPlan
 from deckline_lab.campaigns.summary import (
     GOOD,
     MISLEADING,
+    NOT_MEASURED,
     FlownLanding,
     name_cell,
     summarise_group,
@@ -147,6 +148,9 @@ def _cards(plan: CampaignPlan, landings: Sequence[FlownLanding]) -> Iterator[tup
     interval = f"95 % interval {100 * good.low:.3g} to {100 * good.high:.3g} %"
     yield "Boarded or rightly waved off", f"{100 * good.value:.3g} %", PAIRED if plan.paired else interval
     for label, event in (("Ramp strikes", Outcome.RAMP_STRIKE), ("Misleading", MISLEADING)):
+        if event not in whole.shares:
+            yield label, NOT_MEASURED, "by modelled guidance"
+            continue
         share = whole.shares[event]
         bound = PAIRED if plan.paired else f"at most {100 * share.at_most:.3g} %"
         yield label, f"{share.hits:,}", f"{100 * share.value:.3g} %, {bound}"

@@ -20,11 +20,13 @@ GOOD, MISLEADING = "good", "misleading"  # events beside the outcomes
 EVENTS = (GOOD, *Outcome, MISLEADING)
 BOUNDED = {"ramp strike": Outcome.RAMP_STRIKE, MISLEADING: MISLEADING}  # rare events by what people call them
 COMMON = (GOOD, Outcome.WIRE)  # events that most landings have
+NOT_MEASURED = "not measured"
 NOTES = """\
 Good: a wire, or a wave-off that had to be. Square brackets: 95 % intervals (Clopper and Pearson). At most: one-sided
 95 % bound; of no event in n landings it is 3 / n. Touchdown: of all landings that touched the deck; along: beyond the
 touchdown point, across: right of the centre line; 1-sigma in brackets. First ok: median distance to the ramp at the
-first `ok` answer of the picture, of the landings that had one; with ok: how many of the cell's landings had one."""
+first `ok` answer of the picture, of the landings that had one; with ok: how many of the cell's landings had one.
+Modelled guidance draws errors as shares of their levels: it cannot measure how often an `ok` misleads."""
 WEIGHTED_NOTE = """\
 Shares are weighted: estimates of the weighted mean with gamma intervals (Fay and Feuer). Effective: landings of equal
 weight that would give the mean the same variance."""
@@ -48,8 +50,8 @@ class FlownLanding:
     """Over the deck at touchdown, m/s."""
     called_for: bool
     """Of a wave-off: it had to be."""
-    misleading: bool
-    """Guidance was `ok` beyond its protection level at least once."""
+    misleading: bool | None
+    """Guidance was `ok` beyond its protection level at least once; None: the sight cannot measure it."""
     first_ok_m: float | None
     """Distance to the ramp at the first `ok` answer of the picture, m; None: there was none."""
 
@@ -57,7 +59,7 @@ class FlownLanding:
         """Whether an event of `EVENTS` happened."""
         if event == GOOD:
             return self.outcome == Outcome.WIRE or (self.outcome == Outcome.WAVE_OFF and self.called_for)
-        return self.misleading if event == MISLEADING else self.outcome == event
+        return bool(self.misleading) if event == MISLEADING else self.outcome == event
 
 
 @dataclass(frozen=True)
@@ -84,7 +86,7 @@ class CellSummary:
     effective: float
     """Effective sample size; the landings themselves without weights."""
     shares: dict[str, Share]
-    """Of every event of `EVENTS`."""
+    """Of every event of `EVENTS`; without `misleading` where one landing's sight cannot measure it."""
     touchdown: Touchdown
     first_ok_m: float | None
     """Median distance of the first `ok` answer of the picture, of the landings that had one, m."""
@@ -134,13 +136,12 @@ def summarise_group(
             event in COMMON,
         )
         for event in EVENTS
+        if event != MISLEADING or all(landing.misleading is not None for landing in landings)
     }
     effective = float(weights.sum() ** 2 / (weights**2).sum()) if weights.any() else 0.0
-    first_ok_m = [landing.first_ok_m for landing in landings if landing.first_ok_m is not None]
-    median_m = float(np.median(first_ok_m)) if first_ok_m else None
-    return CellSummary(
-        settings, len(landings), effective, shares, _touchdown(landings), median_m, ok_landings=len(first_ok_m)
-    )
+    seen = [(landing.first_ok_m, landing.weight) for landing in landings if landing.first_ok_m is not None]
+    median_m = weighted_median(*zip(*seen, strict=True)) if seen else None
+    return CellSummary(settings, len(landings), effective, shares, _touchdown(landings), median_m, ok_landings=len(seen))
 
 
 def summary_json(cells: Sequence[CellSummary]) -> dict[str, Any]:
@@ -158,12 +159,28 @@ def summary_tables(cells: Sequence[CellSummary], weighted: bool) -> list[Table]:
         name, down = name_cell(cell.settings), cell.touchdown
         counts = (str(cell.landings), *((f"{cell.effective:.0f}",) if weighted else ()))
         texts = (cell.shares[event].text() for event in (GOOD, *seen))
-        shares.append((name, *counts, *texts, *(_bound(cell.shares[event]) for event in BOUNDED.values())))
+        shares.append((name, *counts, *texts, *(_bound(cell.shares.get(event)) for event in BOUNDED.values())))
         spreads = (_spread(down.along_m, "+.1f"), _spread(down.across_m, "+.2f"), _spread(down.sink_m_s, ".2f"))
         first_ok = (number(cell.first_ok_m, ".0f"), f"{cell.ok_landings} of {cell.landings}")
         places.append((name, str(down.landings), *spreads, *first_ok))
     of = ("cell", "touchdowns", "along, m", "across, m", "sink, m/s", "first ok, m", "with ok")
     return [Table("outcomes", columns, shares), Table("touchdowns", of, places)]
+
+
+def measures_misleading(sight: str, guidance: str) -> bool:
+    """Whether such a landing can find an `ok` that misleads: modelled guidance draws errors as shares of levels."""
+    return sight != "guidance" or guidance == "navigation"
+
+
+def weighted_median(values: Sequence[float], weights: Sequence[float]) -> float | None:
+    """Median of values with weights, the plain one where all weigh the same; None: nothing weighs anything."""
+    order = np.argsort(values)
+    ordered, upto = np.array(values)[order], np.cumsum(np.array(weights)[order])
+    half = upto[-1] / 2
+    if not half > 0:
+        return None
+    ends = (np.searchsorted(upto, half, side) for side in ("left", "right"))
+    return float(np.mean([ordered[end] for end in ends]))
 
 
 def name_cell(settings: Settings) -> str:
@@ -175,19 +192,21 @@ def _read_shard(path: Path, plan: CampaignPlan, shard: int) -> list[FlownLanding
     cell, numbers = plan.shard_landings(shard)
     try:
         lines = [parse_plain(json.loads, line) for line in read_regular(path).decode().splitlines()]
-        if [(line["cell"], line["number"]) for line in lines] != [(cell, number) for number in numbers]:
+        known = [(cell, number, plan.landing_seed(cell, number)) for number in numbers]
+        if [(line["cell"], line["number"], line["seed"]) for line in lines] != known:
             raise ValueError("other landings than the plan's")
-        return [_parse_line(line) for line in lines]
+        flown = {name: plan.cells[cell].get(name, getattr(plan.landing, name)) for name in ("sight", "guidance")}
+        return [_parse_line(line, measures_misleading(**flown)) for line in lines]
     except (ValueError, KeyError, TypeError) as error:
         raise ValueError(f"{path}: a damaged shard ({error!r}); remove it and give the command again") from None
 
 
-def _parse_line(line: dict[str, Any]) -> FlownLanding:
+def _parse_line(line: dict[str, Any], measures: bool) -> FlownLanding:
     record = line["landing"]
     outcome = Outcome(record["outcome"])
     where = (record["beyond_aim_m"], record["right_m"], record["sink_m_s"])
     of = (line["cell"], line["seed"], line["settings"], line.get("weight", 1.0))
-    seen = (record["called_for"], record["misleading"] > 0, record["first_ok_m"])
+    seen = (record["called_for"], record["misleading"] > 0 if measures else None, record["first_ok_m"])
     return FlownLanding(*of, outcome, *where, *seen)
 
 
@@ -208,8 +227,8 @@ def _touchdown(landings: Sequence[FlownLanding]) -> Touchdown:
     return Touchdown(len(down), along, across, spread(lambda landing: landing.sink_m_s))
 
 
-def _bound(share: Share) -> str:
-    return number(100 * share.at_most, ".3g")
+def _bound(share: Share | None) -> str:
+    return NOT_MEASURED if share is None else number(100 * share.at_most, ".3g")
 
 
 def _spread(pair: tuple[float, float] | None, form: str) -> str:

@@ -15,11 +15,14 @@ from deckline_lab.campaigns.shares import estimate_share
 from deckline_lab.campaigns.summary import (
     GOOD,
     MISLEADING,
+    NOT_MEASURED,
     FlownLanding,
+    measures_misleading,
     read_landings,
     summarise,
     summarise_group,
     summary_tables,
+    weighted_median,
 )
 from deckline_sim.landing.touchdown import Outcome
 
@@ -107,6 +110,20 @@ def test_weighted_touchdowns_and_effective_landings():
     assert group.touchdown.along_m[0] == pytest.approx((2 + 4 + 5 + 5) / 3)
 
 
+def test_the_median_of_the_first_ok_is_weighted():
+    places = ((100.0, 1.0), (200.0, 1.0), (700.0, 1.0), (800.0, 5.0))
+    weighted = [replace(WIRE, first_ok_m=first_ok_m, weight=weight) for first_ok_m, weight in places]
+    assert summarise_group(weighted, {}, 5.0).first_ok_m == 800.0
+    assert summarise_group([replace(each, weight=1.0) for each in weighted], {}).first_ok_m == 450.0
+    assert summarise_group([replace(WIRE, weight=0.0)], {}, 5.0).first_ok_m is None
+    rng = np.random.default_rng(0)
+    for count in range(1, 9):
+        values = rng.integers(0, 4, count).tolist()
+        assert weighted_median(values, [0.5] * count) == np.median(values)
+        weights = rng.integers(1, 4, count)
+        assert weighted_median(values, weights.tolist()) == np.median(np.repeat(values, weights))
+
+
 @pytest.fixture
 def flown(tmp_path):
     plan = CampaignPlan(landings=40, shard=20, factors={"visibility_m": (300, 1000)}, ranges={"sea_state": (2.0, 4.0)})
@@ -152,7 +169,29 @@ def test_paired_landings_are_not_pooled_into_bounds(flown):
     assert campaign_html(pooled, landings, "fog", tables, []).count("data:image/png") == 2  # no shares by group
 
 
-@pytest.mark.parametrize("damage", [lambda data: data[:-30], lambda data: data.replace(b'"number":0', b'"number":1')])
+def test_modelled_guidance_measures_no_misleading_ok(tmp_path):
+    pytest.importorskip("matplotlib")
+    plan = CampaignPlan(landings=4, factors={"sight": ("points", "guidance")})
+    run_campaign(plan, tmp_path, stand_in.fly, stand_in.accept, 1)
+    landings = read_landings(plan, tmp_path)
+    cells = summarise(plan, landings)
+    assert [MISLEADING in cell.shares for cell in cells] == [True, False]
+    outcomes, _ = summary_tables(cells, False)
+    by_points, by_guidance = (row[-1] for row in outcomes.rows)
+    assert (float(by_points), by_guidance) == (pytest.approx(100 * (1 - 0.05 ** (1 / 4)), rel=0.01), NOT_MEASURED)
+    pages = [campaign_html(plan, landings[:count], "fog", [], []) for count in (4, 8)]
+    assert [page.count(NOT_MEASURED) for page in pages] == [0, 1]
+    assert measures_misleading("guidance", "navigation")
+
+
+DAMAGE = {
+    "cut": lambda data: data[:-30],
+    "number": lambda data: data.replace(b'"number":0', b'"number":1'),
+    "seed": lambda data: data.replace(b'"seed":', b'"seed":1', 1),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGE.values(), ids=DAMAGE)
 def test_a_damaged_shard_is_named(flown, damage):
     plan, out = flown
     path = shard_files(plan, out)[1]
