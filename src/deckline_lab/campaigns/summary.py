@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from deckline.files import parse_plain, read_regular
-from deckline_lab.campaigns.plan import CampaignPlan, Settings
+from deckline_lab.campaigns.plan import CampaignPlan, Settings, plain_json, settings_from_json
 from deckline_lab.campaigns.runner import shard_files
 from deckline_lab.campaigns.shares import Share, estimate_share
 from deckline_lab.evaluation.tables import MISSING, Table, number
@@ -146,7 +146,7 @@ def summarise_group(
 
 def summary_json(cells: Sequence[CellSummary]) -> dict[str, Any]:
     """The cells as JSON values."""
-    return {"cells": [asdict(cell) for cell in cells]}
+    return {"cells": [plain_json(asdict(cell)) for cell in cells]}
 
 
 def summary_tables(cells: Sequence[CellSummary], weighted: bool) -> list[Table]:
@@ -205,7 +205,7 @@ def _parse_line(line: dict[str, Any], measures: bool) -> FlownLanding:
     record = line["landing"]
     outcome = Outcome(record["outcome"])
     where = (record["beyond_aim_m"], record["right_m"], record["sink_m_s"])
-    of = (line["cell"], line["seed"], line["settings"], line.get("weight", 1.0))
+    of = (line["cell"], line["seed"], settings_from_json(line["settings"]), line.get("weight", 1.0))
     seen = (record["called_for"], record["misleading"] > 0 if measures else None, record["first_ok_m"])
     return FlownLanding(*of, outcome, *where, *seen)
 

@@ -64,6 +64,21 @@ def test_the_first_landing_of_every_outcome_is_filmed_once(tmp_path, plan, monke
     assert f"films/{film.name}" in (out / "report.html").read_text()
 
 
+def test_clear_air_is_text_in_the_summary_and_a_number_in_films(tmp_path, plan, monkeypatch):
+    pytest.importorskip("matplotlib")
+    filmed = pytest.importorskip("deckline_lab.campaigns.filmed")
+    flown = []
+    monkeypatch.setattr(campaign, "fly_landing", lambda config, seed: Flown())
+    monkeypatch.setattr(campaign, "check_landing", lambda config: None)
+    monkeypatch.setattr(filmed, "fly_filmed", lambda config, seed: flown.append(config.visibility_m))
+    monkeypatch.setattr(filmed, "make_film", lambda landing: b"film")
+    plan.write_text(PLAN.replace("sea_state = [2, 4]", "visibility_m = [inf]"))
+    out = tmp_path / "out"
+    assert main(["campaign", str(plan), "--out", str(out), "--jobs", "1", "--films"]) == 0
+    (cell,) = json.loads((out / "summary.json").read_text())["cells"]
+    assert (cell["settings"], flown) == ({"visibility_m": "inf"}, [np.inf])
+
+
 @pytest.mark.parametrize(("key", "word"), [("guidance", "picture"), ("aircraft", "f15")])
 def test_one_line_for_a_plan_that_cannot_be_flown(tmp_path, plan, capsys, key, word):
     pytest.importorskip("jsbsim")
