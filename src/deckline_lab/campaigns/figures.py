@@ -14,7 +14,7 @@ from deckline_lab.campaigns.plan import CampaignPlan
 from deckline_lab.campaigns.summary import GOOD, CellSummary, FlownLanding, name_cell
 from deckline_lab.statistics import CONFIDENCE
 from deckline_sim.landing.deck import Deck
-from deckline_sim.landing.surroundings import surroundings
+from deckline_sim.landing.surroundings import aim_m, over_deck_m_s, surroundings
 from deckline_sim.landing.touchdown import Outcome
 
 COLOURS = {
@@ -31,21 +31,52 @@ MARGIN_M = 25.0  # of deck around the touchdowns
 PART = 0.98  # of the width between two groups that their series share
 MOST_CELLS = 12  # ellipses that a picture can hold
 WIDTH_IN, DPI = 11.0, 130
+Points = NDArray[np.float64]
 Group = tuple[str, str, CellSummary]  # on the axis, of the series, and its landings
 
 
-def draw_touchdowns(plan: CampaignPlan, landings: Sequence[FlownLanding]) -> str:
-    """Every touchdown on the deck's plan, landing from the left; PNG as base64 text."""
+def landings_by_ship(plan: CampaignPlan, landings: Sequence[FlownLanding]) -> dict[str, list[FlownLanding]]:
+    """The landings on each ship."""
+    ships: dict[str, list[FlownLanding]] = {}
+    for landing in landings:
+        ships.setdefault(landing.settings.get("ship", plan.landing.ship), []).append(landing)
+    return ships
+
+
+def hooks_on_deck(plan: CampaignPlan, landings: Sequence[FlownLanding], deck: Deck) -> tuple[Points, Points]:
+    """Touchdown points and hooks on one ship's deck; a touchdown point follows its landing's wind.
+
+    Returns:
+        (N,) touchdown point beyond the ramp, m, and (N, 2) hook beyond the ramp and right of the centre line, m, of the
+        landings that touched the deck.
+    """
+    down = [landing for landing in landings if landing.along_m is not None]
+    configs = (plan.config(landing.settings) for landing in down)
+    aims_m = np.array([aim_m(deck.wires_m, over_deck_m_s(config)) for config in configs], dtype=np.float64)
+    return aims_m, _touchdowns(down) + np.column_stack([aims_m, np.zeros(len(down))])
+
+
+def draw_touchdowns(plan: CampaignPlan, landings: Sequence[FlownLanding], ship: str) -> str:
+    """Every touchdown on the plan of a ship's deck, landing from the left; PNG as base64 text.
+
+    Args:
+        plan: the campaign.
+        landings: on that ship.
+        ship: its name.
+    """
     figure, axis = open_figure(4.6)
-    draw_deck(axis, surroundings(plan.landing, 0).deck)
+    deck = surroundings(plan.config({"ship": ship}), 0).deck
+    aims_m, points = hooks_on_deck(plan, landings, deck)
+    ends_m = (aims_m.min(), aims_m.max()) if len(points) else (deck.touchdown_m,)
+    draw_deck(axis, deck, 0.0, ends_m)
+    outcomes = np.array([landing.outcome for landing in landings if landing.along_m is not None], dtype=str)
     for outcome, colour in COLOURS.items():
-        points = _touchdowns([landing for landing in landings if landing.outcome == outcome])
-        if len(points):
-            axis.plot(*points.T, ".", color=colour, markersize=3, alpha=0.6, label=outcome.replace("_", " "))
-    points = _touchdowns(landings)
-    low, high = (points.min(0), points.max(0)) if len(points) else (np.zeros(2), np.zeros(2))
+        of = points[outcomes == outcome]
+        if len(of):
+            axis.plot(*of.T, ".", color=colour, markersize=3, alpha=0.6, label=outcome.replace("_", " "))
+    low, high = (points.min(0), points.max(0)) if len(points) else np.full((2, 2), (deck.touchdown_m, 0.0))
     axis.set(xlim=(low[0] - MARGIN_M, high[0] + MARGIN_M), ylim=(high[1] + MARGIN_M, low[1] - MARGIN_M))
-    axis.set(aspect="equal", xlabel="beyond the touchdown point, m", ylabel="right of the centre line, m")
+    axis.set(aspect="equal", xlabel="beyond the ramp, m", ylabel="right of the centre line, m")
     if axis.get_legend_handles_labels()[0]:
         axis.legend(loc="upper right", fontsize="small", markerscale=3)
     return png_text(figure)
@@ -100,13 +131,20 @@ def draw_shares(groups: Sequence[Group], axis_name: str, series_name: str) -> st
     return png_text(figure)
 
 
-def draw_deck(axis: Any, deck: Deck) -> None:
-    """The deck from above in a plot whose axes are m beyond the touchdown point and m right of the centre line."""
-    layout, turn = deck.layout, np.column_stack([deck.along, deck.right])
-    aim = layout.centre_m[0] + deck.touchdown_m * deck.along
+def draw_deck(axis: Any, deck: Deck, origin_m: float, aims_m: Sequence[float]) -> None:
+    """The deck from above in a plot whose axes are m beyond an origin and m right of the centre line.
 
-    def place(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.asarray((points_m - aim) @ turn)
+    Args:
+        axis: of the plot.
+        deck: the ship.
+        origin_m: beyond the ramp, along the centre line.
+        aims_m: touchdown points to mark, beyond the ramp.
+    """
+    layout, turn = deck.layout, np.column_stack([deck.along, deck.right])
+    origin = layout.centre_m[0] + origin_m * deck.along
+
+    def place(points_m: Points) -> Points:
+        return np.asarray((points_m - origin) @ turn)
 
     axis.fill(*place(layout.outline_m).T, facecolor="#e3e6ea", edgecolor="#8a94a0", linewidth=1)
     for line in (layout.left_m, layout.right_m):
@@ -114,11 +152,11 @@ def draw_deck(axis: Any, deck: Deck) -> None:
     axis.plot(*place(layout.centre_m).T, color="#d9a400", linewidth=1, linestyle="--")
     for wire_m in deck.wires_m:
         half = layout.spacing_m / 2
-        axis.plot(np.full(2, wire_m - deck.touchdown_m), [-half, half], color="#555", linewidth=1)
-    axis.plot(0, 0, "x", color="#111", markersize=8)
+        axis.plot(np.full(2, wire_m - origin_m), [-half, half], color="#555", linewidth=1)
+    axis.plot(np.array(aims_m) - origin_m, np.zeros(len(aims_m)), "x-", color="#111", linewidth=1, markersize=8)
 
 
-def _touchdowns(landings: Sequence[FlownLanding]) -> NDArray[np.float64]:
+def _touchdowns(landings: Sequence[FlownLanding]) -> Points:
     """(N, 2) beyond the touchdown point and right of the centre line, m."""
     places = [(landing.along_m, landing.across_m) for landing in landings if landing.along_m is not None]
     return np.array(places, dtype=np.float64).reshape(-1, 2)

@@ -22,7 +22,7 @@ def draw_touchdown(filmed: FilmedLanding) -> str:
     """Path of the hook over the deck and its touchdown, from above; PNG as base64 text."""
     deck, landing = filmed.scene.deck, filmed.landing
     figure, axis = open_figure(4.6)
-    draw_deck(axis, deck)
+    draw_deck(axis, deck, deck.touchdown_m, (deck.touchdown_m,))
     path = true_deviations(filmed)
     axis.plot(-path[:, 1] - deck.touchdown_m, path[:, 2], color=TRUTH, linewidth=1.5, label="hook, true")
     contact = landing.touchdown

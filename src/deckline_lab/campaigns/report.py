@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from deckline import __version__
 from deckline.report.html import TEMPLATES as REPORT_TEMPLATES
-from deckline_lab.campaigns.figures import Group, draw_dispersion, draw_shares, draw_touchdowns
+from deckline_lab.campaigns.figures import Group, draw_dispersion, draw_shares, draw_touchdowns, landings_by_ship
 from deckline_lab.campaigns.plan import CampaignPlan
 from deckline_lab.campaigns.summary import (
     GOOD,
@@ -118,11 +118,14 @@ def _group(plan: CampaignPlan, landing: FlownLanding, name: str) -> tuple[float,
 
 def _figures(plan: CampaignPlan, landings: Sequence[FlownLanding]) -> Iterator[tuple[str, str, str]]:
     """Title, picture and caption."""
-    yield (
-        "Touchdowns on the deck",
-        draw_touchdowns(plan, landings),
-        "Hook at first contact; the aircraft comes from the left. Cross: touchdown point; grey bars: wires.",
-    )
+    ships = landings_by_ship(plan, landings)
+    for ship, members in ships.items():
+        yield (
+            "Touchdowns on the deck" + (f" of {ship}" if len(ships) > 1 else ""),
+            draw_touchdowns(plan, members, ship),
+            "Hook at first contact; the aircraft comes from the left. Cross: touchdown point (where the wind over the "
+            "deck varies, the nearest and the farthest); grey bars: wires.",
+        )
     yield (
         "Dispersion by cell",
         draw_dispersion(plan, landings),

@@ -60,9 +60,7 @@ def surroundings(config: LandingConfig, seed: int) -> Surroundings:
     ship = load_class(config.ship)
     layout, motion = class_layout(ship), ship_motion(config, seed)
     wires = ship.plan.wires_m or WIRES_M
-    # Along the landing area; its angle to the ship, some degrees, changes that by 1 %.
-    over_deck_m_s = config.ship_speed_m_s + config.wind_m_s * float(np.cos(np.deg2rad(config.wind_from_deg)))
-    run = run_config(config, layout, motion, aim_m(wires, over_deck_m_s))
+    run = run_config(config, layout, motion, aim_m(wires, over_deck_m_s(config)))
     deck = Deck(layout, motion, run.approach.touchdown_m, wires)
     sensors = GRADES[config.navigation]
     camera = Camera.from_fov(config.camera.width, config.camera.height, np.deg2rad(config.camera.fov_deg))
@@ -76,6 +74,11 @@ def ship_motion(config: LandingConfig, seed: int) -> ShipMotion:
     rng = np.random.default_rng([seed, MOTION])
     motion = draw_motion(MotionConfig(config.sea_state, config.ship_speed_m_s), False, rng)
     return replace(motion, period_factor=config.deck_period_factor)
+
+
+def over_deck_m_s(config: LandingConfig) -> float:
+    """Wind over the deck along the landing area, m/s; its angle to the ship, some degrees, changes that by 1 %."""
+    return config.ship_speed_m_s + config.wind_m_s * float(np.cos(np.deg2rad(config.wind_from_deg)))
 
 
 def aim_m(wires_m: tuple[float, ...], over_deck_m_s: float) -> float:

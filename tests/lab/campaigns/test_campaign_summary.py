@@ -7,6 +7,7 @@ import pytest
 import stand_in
 from scipy.stats import norm, truncnorm
 
+from deckline_lab.campaigns.figures import hooks_on_deck, landings_by_ship
 from deckline_lab.campaigns.importance import Importance
 from deckline_lab.campaigns.plan import CampaignPlan
 from deckline_lab.campaigns.report import PAIRED, campaign_html, group_landings
@@ -24,6 +25,7 @@ from deckline_lab.campaigns.summary import (
     summary_tables,
     weighted_median,
 )
+from deckline_sim.landing.surroundings import surroundings
 from deckline_sim.landing.touchdown import Outcome
 
 GUSTS = Importance("turbulence", mean=1.0, sigma=0.3, low=0.0, high=3.0)
@@ -153,6 +155,28 @@ def test_the_page_holds_pictures_and_no_address(flown):
     assert page.count("data:image/png;base64,") == 3
     assert "fog &lt;1&gt;" in page
     assert "http" not in page.replace("http-equiv", "")
+
+
+def test_hooks_are_placed_from_the_ramp_of_their_ship():
+    pytest.importorskip("matplotlib")
+    plan = CampaignPlan(factors={"ship": ("cvn", "axial")}, ranges={"wind_m_s": (2.0, 25.0)})
+    landings = [
+        replace(WIRE, settings={"ship": ship, "wind_m_s": wind_m_s}, along_m=3.0, across_m=-0.5)
+        for ship in ("cvn", "axial")
+        for wind_m_s in (2.0, 25.0)
+    ]
+    landings.append(replace(landings[0], outcome=Outcome.WAVE_OFF, along_m=None, across_m=None))
+    ships = landings_by_ship(plan, landings)
+    assert [(ship, len(members)) for ship, members in ships.items()] == [("cvn", 3), ("axial", 2)]
+    for ship, members in ships.items():
+        aims_m, hooks = hooks_on_deck(plan, members, surroundings(plan.config({"ship": ship}), 0).deck)
+        decks = [surroundings(plan.config(landing.settings), 0).deck for landing in members[:2]]
+        assert aims_m == pytest.approx([deck.touchdown_m for deck in decks])
+        np.testing.assert_allclose(hooks, [(deck.touchdown_m + 3.0, -0.5) for deck in decks])
+        assert aims_m[0] - aims_m[1] == pytest.approx(0.28 * 23)
+    page = campaign_html(plan, landings, "ships", [], [])
+    assert page.count("data:image/png;base64,") == 4
+    assert "the deck of axial" in page
 
 
 def test_paired_landings_are_not_pooled_into_bounds(flown):
