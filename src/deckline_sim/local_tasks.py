@@ -54,7 +54,7 @@ class LocalPool:
             position = self._running.pop(number)
             try:
                 finished.append(Finished(position, *worker.connection.recv()))
-            except (EOFError, ConnectionResetError):
+            except (EOFError, OSError):  # the second one: it died in the middle of a message
                 worker.process.join()
                 finished.append(Finished(position, None, ProcessDiedError(f"exit code {worker.process.exitcode}")))
         return finished

@@ -1,6 +1,9 @@
 """One process pool: order, cores, errors."""
 
 import os
+import struct
+import sys
+from pathlib import Path
 
 import pytest
 
@@ -13,6 +16,14 @@ def square(number: int) -> tuple[int, list[int], int]:
 
 def die(number: int) -> None:
     os._exit(1)
+
+
+def die_in_a_message(died: Path) -> str:
+    if died.exists():
+        return "done"
+    died.touch()
+    os.write(sys._getframe(1).f_locals["connection"].fileno(), struct.pack("!i", 1000) + b"half a message")
+    os._exit(9)
 
 
 def refuse(number: int) -> None:
@@ -41,6 +52,11 @@ def test_one_job_is_done_here():
 def test_an_error_in_a_process_is_the_error_here(task, kind, named):
     with pytest.raises(kind, match=named):
         list(map_ordered(task, [7], 2))
+
+
+def test_a_task_whose_process_died_in_the_middle_of_its_message_is_done_again(tmp_path, capsys):
+    assert list(map_ordered(die_in_a_message, [tmp_path / "died"], 2)) == ["done"]
+    assert "exit code 9" in capsys.readouterr().err
 
 
 def test_how_many():
