@@ -79,8 +79,12 @@ def faulty_sights(config: LandingConfig, seed: int) -> Sights:
     """The sights of a landing with a fault.
 
     Raises:
-        ValueError: a fault that is not known, or another sight than points.
+        ValueError: a fault that is not known, another sight than points, or guidance by navigation alone.
     """
     if config.sight != "points":
         raise ValueError(f"fault {config.fault!r} needs sight 'points', got {config.sight!r}")
+    if config.guidance == "navigation":
+        raise ValueError(
+            f"fault {config.fault!r} is the picture's: guidance must be 'both' or 'picture', got 'navigation'"
+        )
     return Sights(FaultySight(config, seed), NavigationSight(config, seed) if config.guidance == "both" else None)

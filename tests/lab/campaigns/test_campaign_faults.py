@@ -3,7 +3,7 @@
 import pytest
 
 from deckline_lab.campaigns.faults import FaultySight, faulty_sights, find_fault, misstate_width
-from deckline_lab.campaigns.landings import fly_landing
+from deckline_lab.campaigns.landings import check_landing, fly_landing
 from deckline_sim.landing.config import LandingConfig
 from deckline_sim.landing.landing import fly
 from deckline_sim.landing.surroundings import surroundings
@@ -27,6 +27,11 @@ def test_faults_need_points():
         faulty_sights(with_fault("swapped lines", sight="guidance"), 0)
     with pytest.raises(ValueError, match="swapped lines"):
         fly(with_fault("swapped lines"), 0)
+
+
+def test_faults_need_a_picture():
+    with pytest.raises(ValueError, match=r"swapped lines.*navigation"):
+        check_landing(with_fault("swapped lines", guidance="navigation"))
 
 
 def test_a_width_is_told_wrongly():
