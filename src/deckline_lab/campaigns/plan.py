@@ -140,8 +140,8 @@ def read_plan(path: Path) -> CampaignPlan:
     values: dict[str, Any] = dict(table)
     try:
         values["landing"] = config_from_table(LandingConfig, table.get("landing", {}), source="landing")
-        values["factors"] = {name: _factor(name, value) for name, value in _flat(table.get("factors", {}))}
-        values["ranges"] = {name: _range(name, value) for name, value in _flat(table.get("ranges", {}))}
+        values["factors"] = {name: _factor(name, value) for name, value in flat_settings(table.get("factors", {}))}
+        values["ranges"] = {name: _range(name, value) for name, value in flat_settings(table.get("ranges", {}))}
         if "importance" in table:
             values["importance"] = config_from_table(Importance, table["importance"], source="importance")
         for key, (kind, name) in KINDS.items():
@@ -176,11 +176,11 @@ def settings_from_json(value: Any) -> Any:
     return float(value) if value in ("inf", "-inf") else value
 
 
-def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+def flat_settings(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Dotted names and values of nested tables."""
     for key, value in table.items():
         if isinstance(value, dict):
-            yield from _flat(value, f"{prefix}{key}.")
+            yield from flat_settings(value, f"{prefix}{key}.")
         else:
             yield prefix + key, value
 

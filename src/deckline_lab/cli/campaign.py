@@ -7,7 +7,14 @@ import tyro
 
 from deckline.atomic import write_atomic
 from deckline.files import print_line, printable
-from deckline_lab.campaigns.agreement import NOTE, agreement_table, read_campaign, shared_cells
+from deckline_lab.campaigns.agreement import (
+    DIFFERING,
+    NOTE,
+    agreement_tables,
+    differing_settings,
+    read_campaign,
+    shared_cells,
+)
 from deckline_lab.campaigns.landings import check_landing, fly_landing
 from deckline_lab.campaigns.plan import read_plan
 from deckline_lab.campaigns.report import REPORT_FILE, campaign_html
@@ -56,8 +63,9 @@ def campaign(
     title = f"{plan.stem}: {len(landings)} landings, {len(cells)} cells, seen by {flown.landing.sight}"
     tables, notes = summary_tables(cells, weighted), [NOTES, *([WEIGHTED_NOTE] if weighted else [])]
     if other is not None:
-        tables.append(agreement_table(flown, landings, *other))
-        notes.append(NOTE)
+        tables += agreement_tables(flown, landings, *other)
+        differing = differing_settings(flown, other[0])
+        notes += [NOTE, *([f"{DIFFERING}{'; '.join(differing)}."] if differing else [])]
     print_tables(title, made_with(), tables, notes)
     summary = {"title": title, "made_with": made_with(), **summary_json(cells)}
     write_atomic(out / SUMMARY_FILE, (json.dumps(summary, indent=1, allow_nan=False) + "\n").encode())
