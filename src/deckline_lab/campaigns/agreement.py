@@ -31,11 +31,12 @@ MEASURES: Mapping[str, Callable[[FlownLanding], float | None]] = {
 NOTE = """\
 Against: probability of so large a difference if both campaigns were alike; Fisher's exact test of how often a wire is
 taken, Kolmogorov and Smirnov's of touchdowns and of the first `ok` answer. Landings of the same seed have the same ship
-motion and gusts, which makes differences seem less significant than they are. Least differences: such a
-true difference is found in about half of all pairs of campaigns of this size, a smaller one less often; of means in m,
-of the touchdowns' spread as a factor, for normal distributions. A dash: none is found, however large."""
+motion and gusts, which makes differences seem less significant than they are. Least differences: a true difference of
+this size is found in about half of all pairs of such campaigns, a smaller one less often; of means in m, of the
+touchdowns' spread as a factor, for normal distributions. A dash: none is found, not even a spread 20 times as large, or
+fewer than 8 landings have the value."""
 DIFFERING = "The campaigns also differ in other settings, which may explain a difference: "
-LEAST_COLUMNS = ("cell", "wire, points of %", *(f"{name}, m" for name in MEASURES), "touchdown spread, times")
+LEAST_COLUMNS = ("cell", "wire, percentage points", *(f"{name}, m" for name in MEASURES), "touchdown spread, times")
 MOST, HALVINGS, TRIALS = 20.0, 12, 200  # largest change that is tried, steps to the least one, samples for each
 SIGHT = "sight"
 
@@ -137,16 +138,17 @@ def agreement_tables(
     counted = sum(p is not None for row in tests for p in row)
     level = SIGNIFICANCE / max(counted, 1)
     rows, least = [], []
-    for (name, *groups), row in zip(flown, tests, strict=True):
+    for (name, first, second), row in zip(flown, tests, strict=True):
+        groups = first, second
         sizes = (str(len(group)) for group in groups)
         wires = (f"{100 * sum(map(_took_wire, group)) / len(group):.0f}" for group in groups)
         differs = any(p is not None and p < level for p in row)
         rows.append((name, *sizes, *wires, *(number(p, ".3f") for p in row), "found" if differs else "none found"))
-        least.append((name, *(number(value, ".2g") for value in _least_differences(*groups, level))))
+        least.append((name, *(number(value, ".2g") for value in _least_differences(first, second, level))))
     counts = "landings", "of the other", "wire, %", "of the other"
     columns = ("cell", *counts, *(f"{name}, p" for name in ("wire", *MEASURES)), "difference")
     title = f"{plan.landing.sight} against {other.landing.sight}: {counted} tests, {SIGNIFICANCE:g} for all together"
-    return [Table(title, columns, rows), Table("least differences that are found", LEAST_COLUMNS, least)]
+    return [Table(title, columns, rows), Table("least differences found", LEAST_COLUMNS, least)]
 
 
 def _least_differences(
