@@ -141,7 +141,9 @@ def summarise_group(
     effective = float(weights.sum() ** 2 / (weights**2).sum()) if weights.any() else 0.0
     seen = [(landing.first_ok_m, landing.weight) for landing in landings if landing.first_ok_m is not None]
     median_m = weighted_median(*zip(*seen, strict=True)) if seen else None
-    return CellSummary(settings, len(landings), effective, shares, _touchdown(landings), median_m, ok_landings=len(seen))
+    return CellSummary(
+        settings, len(landings), effective, shares, _touchdown(landings), median_m, ok_landings=len(seen)
+    )
 
 
 def summary_json(cells: Sequence[CellSummary]) -> dict[str, Any]:
