@@ -262,7 +262,14 @@ def test_recordings_are_flown_beside_single_pictures(tmp_path, capsys):
     assert [row[0] for row in saved["_tables"][1]["rows"]] == ["single pictures", "as flown"]
     rows = (tmp_path / "out" / "flown" / SCORES_FILE).read_text().splitlines()
     assert len(rows) == 1 + 8
+    assert main([*words[:-1], str(tmp_path / "alone"), "--no-single", "--json", str(tmp_path / "alone.json")]) == 0
+    alone = json.loads((tmp_path / "alone.json").read_text())
+    assert [row[0] for row in alone["_tables"][1]["rows"]] == ["as flown"]
+    assert {name: alone[name] for name in saved if name.startswith("as flown")} == {
+        name: value for name, value in saved.items() if name.startswith("as flown")
+    }
     assert "recordings" in refuse(capsys, "detection", "--flown")
+    assert "--flown" in refuse(capsys, "detection", str(folder), "--no-single")
 
 
 def score_of(index: int, found: int, range_m: float = 150.0, scene: SceneKind = SceneKind.DECK) -> DetectionScore:
