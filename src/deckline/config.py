@@ -28,6 +28,7 @@ PITCH_ARM_M = 130.0  # from the pitch axis amidships to the visible lines: 166 m
 CALM_HEAVE_M = 0.02  # 1-sigma of what still moves a deck in a calm sea, as height
 CALM_SLOPE_DEG = 0.05  # and as slope
 USUAL_WIDTH_M = 20.0  # of a runway whose width is not stated: between 14.7 m (Li et al. 2024) and 24 m (carriers)
+WIDEST_USUAL_M = 24.0  # the same for a box that must hold it
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from deckline.live.pipeline import Outputs
 from deckline.live.recorder import FrameFolder, round_pose
 from deckline.live.source import Playback
 from deckline.recording import open_recording
-from deckline.report.run_folder import JSONL, REPORT
+from deckline.report.run_folder import CONFIG, JSONL, REPORT
 from deckline.types import Frame
 from picture_scene import picture_result
 
@@ -98,5 +98,5 @@ def test_recording_is_switched_on_and_off_while_it_flies(tmp_path):
     with pytest.raises(ValueError, match=RECORDING):
         other.record(True)
     other.abandon()
-    assert {path.name for path in (tmp_path / "b").iterdir()} == {RECORDING, JSONL}
+    assert {path.name for path in (tmp_path / "b").iterdir()} == {RECORDING, JSONL, CONFIG}
     assert REPORT in {path.name for path in (tmp_path / "a").iterdir()}

@@ -86,7 +86,7 @@ def live(
     wall, log = WallClock(), _make_log(log_level)
     with ExitStack() as stack:
         send = stack.enter_context(open_output(to, log.warning))
-        pilot = _open_autopilot(mavlink, autopilot, poses, config, wall, log.info, stack)
+        pilot = _open_autopilot(mavlink, autopilot, poses, config, wall, log, stack)
         link = _open_poses(source, opening, poses, pilot, config, wall, log.warning, stack)
         opened: LiveSource
         if is_camera(source):
@@ -121,13 +121,19 @@ def live(
             except BaseException:
                 if recorder is not None:
                     recorder.abandon()
+                    _warn(log, recorder)
                 raise
             written = [] if recorder is None else recorder.finish()
     for line in (*summary.lines(), *written):
         log.info(line)
-    for line in [] if recorder is None else recorder.notes():
-        log.warning(line)
+    if recorder is not None:
+        _warn(log, recorder)
     return 0
+
+
+def _warn(log: logging.Logger, recorder: FlightRecorder) -> None:
+    for line in recorder.notes():
+        log.warning(line)
 
 
 class _Formatter(logging.Formatter):
@@ -156,7 +162,7 @@ def _open_autopilot(
     poses: str | None,
     config: RunConfig,
     wall: WallClock,
-    log: Log,
+    log: logging.Logger,
     stack: ExitStack,
 ) -> "Link | None":
     """The link to an autopilot; None: none was asked for."""
@@ -171,7 +177,8 @@ def _open_autopilot(
         raise ValueError("px4 takes targets in its own local frame, which --poses mavlink gives: leave --origin out")
     with needs_extra("mavlink"):
         from deckline.adapters.mavlink.link import Link
-    return stack.enter_context(closing(Link(address, firmware, config.navigation, wall, log, takes_poses)))
+    link = Link(address, firmware, config.navigation, wall, log.info, takes_poses, log_losses=log.warning)
+    return stack.enter_context(closing(link))
 
 
 def _send_to_both(first: Callable[[Record], None], second: Callable[[Record], None]) -> Callable[[Record], None]:

@@ -85,7 +85,7 @@ class Air:
         last = len(self.sigma) - 1
         y = ((np.array(rows, np.float32) + 0.5) * len(self.sigma) / height - 0.5).clip(0, last)
         above = np.minimum(y.astype(np.intp), max(last - 1, 0))
-        share, size = (y - above)[:, None, None], (width, len(rows))
+        share, size = (y - above).astype(np.float32)[:, None, None], (width, len(rows))
 
         def stretch(part: Image) -> Image:
             between = part[above] + share * (part[np.minimum(above + 1, last)] - part[above])

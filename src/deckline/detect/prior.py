@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.config import RunwaySurvey
+from deckline.config import WIDEST_USUAL_M, RunwaySurvey
 from deckline.detect.crop import Box, box_around
 from deckline.geometry import Camera, grid_points, rotation_matrix
 from deckline.types import Detection, Frame, LineVisibility, RunwayEstimate, RunwayPrior
@@ -11,7 +11,6 @@ from deckline.types import Detection, Frame, LineVisibility, RunwayEstimate, Run
 Array = NDArray[np.float64]
 
 MARGIN_SIGMAS = 2.0  # around the prior's lines; a runway farther off is left to the search of the whole image
-WIDEST_M = 24.0  # of usual runways, a carrier's: so that the box holds one whose width is not stated
 MIN_DEPTH_M = 1.0  # at which a line that passes the camera is cut
 BOX_GRID = grid_points(1.0, 1.0)  # (N, 2) shares of a box that goes through a lens
 MAX_AGE_S = 5.0  # of the last image
@@ -28,7 +27,8 @@ def prior_from_survey(survey: RunwaySurvey, deck_width_m: float | None = None) -
         return None
     azimuth = np.deg2rad(survey.heading_deg)
     along = survey.length_m * np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
-    to_right = (survey.width_m or deck_width_m or WIDEST_M) / 2 * np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    width_m = survey.width_m or deck_width_m or WIDEST_USUAL_M
+    to_right = width_m / 2 * np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
     left, right = (np.array(survey.ramp_m) + side * to_right + np.outer([0.0, 1.0], along) for side in (-1, 1))
     return RunwayPrior(left, right, survey.sigma_m, float(np.deg2rad(survey.heading_sigma_deg)))
 

@@ -103,8 +103,10 @@ class Receiver:
                     return None
                 continue
             now_s, data, is_new = time.monotonic(), self._unwrap(data), sender != self._sender
-            if not data or (is_new and (now_s - self._heard_s < SILENCE_S or not self._accepts(data))):
-                self.foreign.add(f"{sender[0]}:{sender[1]} is not the sender" if data else "it has no payload")
+            is_other = is_new and now_s - self._heard_s < SILENCE_S
+            if not data or is_other or (is_new and not self._accepts(data)):
+                why = "another sender is received" if is_other else "it is not of the kind that is awaited"
+                self.foreign.add(f"of {sender[0]}:{sender[1]}, {why}")
                 if now_s >= end_s:
                     return None
                 continue

@@ -118,9 +118,9 @@ class FlightRecorder:
         return written
 
     def abandon(self) -> None:
-        """Close everything after a failure: guidance.jsonl alone, as a restart must not wait for the other files."""
+        """Close everything after a failure, with guidance.jsonl and run.toml alone: a restart must not wait for more."""
         self._close()
-        self._folder.publish([])
+        self._writer.publish_settings()
         self._folder.finish()
 
     def _close(self) -> None:

@@ -80,8 +80,8 @@ class End:
 def live_config(config: RunConfig) -> RunConfig:
     """The same as live flight needs it.
 
-    The network's threads sleep between operators: capture, localization and outputs need the cores. No picture is
-    searched whole at once: the answer would be a second old.
+    The network's threads sleep between operators: capture, localization and outputs need the cores. No single picture
+    is searched whole at once: its answer would be a second old.
     """
     engine, tracking = replace(config.engine, spins=False), replace(config.tracking, first_at_once=False)
     return replace(config, engine=engine, tracking=tracking)
@@ -150,6 +150,7 @@ class LiveSession:
         self.stop()
         for thread in threads:
             thread.join(END_S)
+        self._damaged.close()
         self._source.close()
         if self._errors:
             raise self._errors[0]

@@ -1,4 +1,4 @@
-"""Counts what a flight loses, and says so while it flies."""
+"""Counts what a flight loses, and reports it while it flies."""
 
 import threading
 import time
@@ -24,23 +24,25 @@ class Tally:
     def __init__(self, what: str, log: Log) -> None:
         self.count, self.reason = 0, ""
         self._what, self._log = what, log
-        self._told, self._told_s = 0, 0.0  # losses that the last line counts, and when it went out
+        self._reported, self._reported_s = 0, 0.0  # losses that the last line counts, and when it went out
         self._lock = threading.Lock()
 
     def add(self, reason: str) -> None:
         """Count a loss."""
         with self._lock:
             self.count, self.reason = self.count + 1, reason
-            if self.count > 1 and time.monotonic() - self._told_s < REPORT_EVERY_S:
+            if self.count > 1 and time.monotonic() - self._reported_s < REPORT_EVERY_S:
                 return
-            self._tell()
+            line = self._report()
+        self._log(line)  # without the lock: a slow log delays nobody who counts
 
     def close(self) -> None:
-        """Say what no line has counted yet."""
+        """Report what no line has counted yet."""
         with self._lock:
-            if self.count > self._told:
-                self._tell()
+            line = self._report() if self.count > self._reported else ""
+        if line:
+            self._log(line)
 
-    def _tell(self) -> None:
-        self._told, self._told_s = self.count, time.monotonic()
-        self._log(f"{self.count} {self._what}; the last one: {self.reason}")
+    def _report(self) -> str:
+        self._reported, self._reported_s = self.count, time.monotonic()
+        return f"{self.count} {self._what}; the last one: {self.reason}"

@@ -79,7 +79,7 @@ class RunWriter:
             is_stopped: the run ends before its last frame.
         """
         work, names = self._folder.work, [CSV, REPORT, CONFIG]
-        (work / CONFIG).write_text(to_toml_text(self._chain.config), encoding="utf-8")
+        self._write_settings()
         digest = RunDigest(self.frames, self._sample)
         write_csv(work / CSV, map(digest.add, read_records(self._folder.jsonl)), self._columns)
         if join(self._folder.pieces(), work / VIDEO):
@@ -90,6 +90,14 @@ class RunWriter:
         (work / REPORT).write_text(report, encoding="utf-8")
         self.hints = digest.hints()
         return self._folder.publish(names)
+
+    def publish_settings(self) -> None:
+        """Rename the records and the settings alone to where they belong, in no time."""
+        self._write_settings()
+        self._folder.publish([CONFIG])
+
+    def _write_settings(self) -> None:
+        (self._folder.work / CONFIG).write_text(to_toml_text(self._chain.config), encoding="utf-8")
 
     def _read_dehazing(self) -> list[Record]:
         """What dehazing found in the film's frames, evenly chosen."""

@@ -65,7 +65,7 @@ def draw_touchdowns(plan: CampaignPlan, landings: Sequence[FlownLanding], ship: 
         ship: its name.
     """
     figure, axis = open_figure(4.6)
-    deck = surroundings(plan.config({"ship": ship}), 0).deck
+    deck = surroundings(plan.config(landings[0].settings), 0).deck
     aims_m, points = hooks_on_deck(plan, landings, deck)
     ends_m = (aims_m.min(), aims_m.max()) if len(points) else (deck.touchdown_m,)
     draw_deck(axis, deck, 0.0, ends_m)

@@ -222,7 +222,9 @@ def flight_with(sightings: Sequence[Sighting], run: FaultRun, flights: FlightsCo
     """The flight of a run, with its aid; arguments as in `fly_run`."""
     config, width_off = flights.run, _draw_width_error(run, flights)
     width_m = true_width_m(sightings[0].frame.truth)
-    if (AIDS[run.aid].width or width_off) and width_m is not None:
+    if AIDS[run.aid].width or width_off:
+        if width_m is None:
+            raise ValueError(f"{sightings[0].frame.file}: its truth has no runway whose width could be stated")
         config = replace(config, deck=replace(config.deck, width_m=(1.0 + width_off) * width_m))
     return Flight.from_config(config, dehazer=models.dehazer, detector=models.detector)
 

@@ -52,8 +52,9 @@ class Link:
         navigation: longest gap of the poses, correction of the clock's offset, and the world's origin: with one,
             positions come from GLOBAL_POSITION_INT, else from LOCAL_POSITION_NED.
         wall: this machine's Unix time.
-        log: receives one line for each autopilot that is served or refused, and lines about poses that are.
+        log: receives one line for each autopilot that is served or refused.
         takes_poses: whether poses are requested from the autopilot.
+        log_losses: receives a line about refused poses, at most every `REPORT_EVERY_S`; None: `log` does.
 
     Attributes:
         sent: LANDING_TARGET messages.
@@ -65,11 +66,18 @@ class Link:
     """
 
     def __init__(
-        self, address: str, firmware: str, navigation: Navigation, wall: WallClock, log: Log, takes_poses: bool
+        self,
+        address: str,
+        firmware: str,
+        navigation: Navigation,
+        wall: WallClock,
+        log: Log,
+        takes_poses: bool,
+        log_losses: Log | None = None,
     ) -> None:
         if firmware not in FIRMWARES:
             raise ValueError(f"unknown autopilot {firmware!r}: use {' or '.join(FIRMWARES)}")
-        self.sent, self.refused = 0, Tally("poses of the autopilot refused", log)
+        self.sent, self.refused = 0, Tally("poses of the autopilot refused", log_losses or log)
         self._firmware, self._navigation, self._wall, self._log = firmware, navigation, wall, log
         self._needed = _needed_messages(navigation, takes_poses)
         self._socket, self._peer = _open_socket(address)
