@@ -118,7 +118,7 @@ class FlightRecorder:
         return written
 
     def abandon(self) -> None:
-        """Close everything after a failure, with guidance.jsonl and run.toml alone: a restart must not wait for more."""
+        """Close everything after a failure; guidance.jsonl and run.toml alone: a restart must not wait for more."""
         self._close()
         self._writer.publish_settings()
         self._folder.finish()
