@@ -320,7 +320,8 @@ class Tracking:
         gate_sigma: standard deviations beyond which a measurement is left out.
         search_s: while the track is sure, its place is viewed, and so often a whole picture is searched beside it,
             over the frames, s; 0: every picture is searched whole at once.
-        first_at_once: so is one that has none within `search_s` before it. Not so in live flight: it would be late.
+        first_at_once: the first picture, and one after a gap longer than `search_s`, is searched whole at once. In live
+            flight it is not: its answer would be late.
         horizon_s: so often the horizon in the picture is compared with the attitude, s; 0: never.
         paint_s: so often the picture is searched for paint under the lines and for a centre line, s; 0: never.
     """

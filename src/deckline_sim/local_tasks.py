@@ -55,6 +55,7 @@ class LocalPool:
             try:
                 finished.append(Finished(position, *worker.connection.recv()))
             except (EOFError, OSError):  # the second one: it died in the middle of a message
+                worker.process.kill()  # one that lives, with a broken connection, would never be joined
                 worker.process.join()
                 finished.append(Finished(position, None, ProcessDiedError(f"exit code {worker.process.exitcode}")))
         return finished

@@ -148,6 +148,22 @@ def test_a_track_cannot_confirm_itself():
     assert scheduler.update(None, None, None) == ()
 
 
+def test_after_a_gap_in_live_flight_no_track_is_sure_before_the_picture_is_searched():
+    detector = DeludedDetector()
+    scheduler, views = SearchScheduler(detector, 1.0, first_at_once=False), []
+    here, blank = draw((1280, 720), *HERE), np.zeros((720, 1280, 3), np.uint8)
+    for number in range(40):
+        scheduler.detect(number / 30, here, BOX, True)
+    for number in range(60):
+        before = detector.views
+        scheduler.detect(10.0 + number / 30, blank, BOX, True)
+        views.append(detector.views - before)
+    searched = views.index(1)
+    assert searched < 20 and max(views) == VIEWS  # pictures: two thirds of a second
+    assert views[: searched - 1] == [VIEWS] * (searched - 1)
+    assert views[searched : searched + 20] == [1] * 20
+
+
 def test_a_detector_states_that_it_can_search_view_by_view():
     assert issubclass(OnnxDetector, SearchingDetector)
     with pytest.raises(TypeError):  # without a search of its own

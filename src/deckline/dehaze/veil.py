@@ -20,7 +20,14 @@ from numpy.typing import NDArray
 from deckline.checks import check_image
 from deckline.dehaze.airlight import estimate_airlight_surface
 from deckline.dehaze.base import DehazeResult, linear_step
-from deckline.dehaze.filters import dark_channel, estimate_noise, guided_coefficients, mean_channel, min_channel
+from deckline.dehaze.filters import (
+    dark_channel,
+    estimate_noise,
+    guided_coefficients,
+    max_channel,
+    mean_channel,
+    min_channel,
+)
 from deckline.types import Frame
 
 Image = NDArray[np.float32]
@@ -198,10 +205,7 @@ def _haziness(dark: Image, saturations: Image, airlight: Image) -> float:
 
 def saturation(image: Image) -> Image:
     """Of colours (H, W, 3), 0 to 1: (H, W)."""
-    import cv2
-
-    red, green, blue = cv2.split(image)
-    least, most = cv2.min(cv2.min(red, green), blue), cv2.max(cv2.max(red, green), blue)
+    least, most = min_channel(image), max_channel(np.moveaxis(image, 2, 0))
     return np.asarray((most - least) / np.maximum(most, np.float32(LEAST_COLOUR)), dtype=np.float32)
 
 

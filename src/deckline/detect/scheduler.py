@@ -77,7 +77,7 @@ class SearchScheduler:
         detector: finds the lines.
         search_s: from the end of one search beside the track to the next, s; 0: every picture is searched whole.
         first_at_once: so is a picture that comes later than that after the one before; else only from the second such
-            picture in a row on.
+            picture in a row on, and no box is sure until the search after the gap has ended.
     """
 
     def __init__(self, detector: SearchingDetector, search_s: float, first_at_once: bool = True) -> None:
@@ -90,7 +90,7 @@ class SearchScheduler:
         self._contradictions = 0  # searches in a row that found other lines than the track's box
         self._held: HeldSearch | None = None
         self._place: FoundPlace | None = None
-        self._last_s = -np.inf  # when a search ended
+        self._last_s = -np.inf  # when a search ended; infinite: none has since the last gap, so that no box is sure
         self._seen_s = -np.inf  # the last picture's time
         self._passed_s = 0.0  # from the one before to it
 
@@ -123,9 +123,12 @@ class SearchScheduler:
             if self.first_at_once or before_s > self.search_s or not self.search_s:
                 return self._search_at_once(time_s, image_rgb, box)
             self._held, self._place, passed_s = None, None, 0.0  # what was seen so long ago is elsewhere
+            self._last_s = -np.inf
         search = self.detector.start_search(image_rgb)
         at_box = None if box is None else self._view_box(search, box, view_joined)
-        if at_box is not None and is_sure and not self._contradictions and _is_sure_pair(search, at_box):
+        is_checked = np.isfinite(self._last_s)
+        is_sure = is_sure and is_checked and not self._contradictions
+        if at_box is not None and is_sure and _is_sure_pair(search, at_box):
             self._place = None
             if self._held is not None or time_s - self._last_s >= self.search_s:
                 self._search_on(time_s, image_rgb, at_box.lines, SURE_VIEWS - len(search.crops))
@@ -137,6 +140,8 @@ class SearchScheduler:
         found = seen
         if seen is None or seen.count < 2:
             found = self._search_quickly(image_rgb, views - held_views) or seen
+        elif not is_checked and self._held is not None:  # a search's first step may take a view more
+            held_views = views  # the track may follow what it found before the gap: the sooner this shows the better
         compared = at_box or found
         self._search_on(time_s, image_rgb, None if compared is None else compared.lines, held_views)
         return NOTHING if found is None else found.lines

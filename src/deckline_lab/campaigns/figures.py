@@ -56,14 +56,8 @@ def hooks_on_deck(plan: CampaignPlan, landings: Sequence[FlownLanding], deck: De
     return aims_m, _touchdowns(down) + np.column_stack([aims_m, np.zeros(len(down))])
 
 
-def draw_touchdowns(plan: CampaignPlan, landings: Sequence[FlownLanding], ship: str) -> str:
-    """Every touchdown on the plan of a ship's deck, landing from the left; PNG as base64 text.
-
-    Args:
-        plan: the campaign.
-        landings: on that ship.
-        ship: its name.
-    """
+def draw_touchdowns(plan: CampaignPlan, landings: Sequence[FlownLanding]) -> str:
+    """Every touchdown of landings on one ship on the plan of its deck, from the left; PNG as base64 text."""
     figure, axis = open_figure(4.6)
     deck = surroundings(plan.config(landings[0].settings), 0).deck
     aims_m, points = hooks_on_deck(plan, landings, deck)

@@ -122,7 +122,7 @@ def _figures(plan: CampaignPlan, landings: Sequence[FlownLanding]) -> Iterator[t
     for ship, members in ships.items():
         yield (
             "Touchdowns on the deck" + (f" of {ship}" if len(ships) > 1 else ""),
-            draw_touchdowns(plan, members, ship),
+            draw_touchdowns(plan, members),
             "Hook at first contact; the aircraft comes from the left. Cross: touchdown point (where the wind over the "
             "deck varies, the nearest and the farthest); grey bars: wires.",
         )

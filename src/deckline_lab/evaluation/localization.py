@@ -34,7 +34,7 @@ from deckline_lab.evaluation.localization_methods import (
     point_methods,
 )
 from deckline_lab.evaluation.localization_score import LocalizationScore, score_approach
-from deckline_lab.evaluation.localization_tables import flat_figures, localization_tables, notes_of
+from deckline_lab.evaluation.localization_tables import flat_figures, localization_tables
 from deckline_lab.evaluation.pictures import write_figure
 from deckline_lab.evaluation.store import Store
 from deckline_lab.evaluation.tables import TO_TERMINAL, Output, publish
@@ -101,7 +101,7 @@ def localization(config: Annotated[LocalizationConfig, tyro.conf.arg(name="")]) 
     seen_by = f"{config.point_noise}" if config.points else names
     title = f"{config.approaches} approaches of {describe_flights(config.flights)}; {seen_by}"
     tables, figures = localization_tables(by_method, work.methods), flat_figures(by_method)
-    publish(title, tables, figures, config.output, notes_of(tables))
+    publish(title, tables, figures, config.output)
     if config.out is not None:
         _write_csv(config.out / CSV_FILE, [score for members in by_method.values() for score in members])
         _write_figures(

@@ -1,22 +1,19 @@
 """The tables of `deckline eval localization`: Table 6, a pilot's errors, consistency, efficiency, protection."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from deckline.localize import localize
 from deckline.report.bands import by_band, share
 from deckline.types import SIDES
 from deckline_lab.evaluation.localization_methods import DEHAZED, HAZY, PAPERS, Method
+from deckline_lab.evaluation.localization_requirements import UNIT, Scores, accuracy_table, sizes
 from deckline_lab.evaluation.localization_score import LocalizationScore
 from deckline_lab.evaluation.pilot_errors import STATES
 from deckline_lab.evaluation.tables import MISSING, Figures, Table, number
 from deckline_lab.evaluation.visible_distance import ApproachFrame, visible_distance, visible_tables
 from deckline_lab.statistics import APPROACH_RANGE_M, VISIBILITY_M, consistency, paired_difference, percentile
-
-Scores = Mapping[str, Sequence[LocalizationScore]]  # method -> its frames
 
 LINE_CELLS = {  # heading: figure, format
     "slope": ("slope", ".5f"),
@@ -32,83 +29,30 @@ IMPROVED = {"direction": "direction_error_deg", "intercept": "intercept_error_m"
 GAINED = {"direction_error_deg": ".4f", "intercept_error_m": ".3f"}  # formats of what dehazing changes
 PILOT_CELLS = {"lateral": ("lateral_m", "m"), "height": ("height_m", "m"), "heading": ("heading_deg", "deg")}
 USABLE = {"direction_error_deg": 0.3, "lateral_error_m": 1.0}  # our marks of the near and of the far range
-UNIT = "unit alone"
 SEED = 0  # of the intervals' resampling
-TABLE_6, GAINS, REQUIRED = "Table 6", "what dehazing changes", "accuracy asked for"  # titles
 PAIRED = "on the same frames as"  # how a title begins
 USABLE_TITLE = "both lines within {:g} deg and {:g} m at the ramp, in the world".format(*USABLE.values())
-NOTES = {  # how a table's title begins: its explanation
-    TABLE_6: """\
-Table 6: a line is y = slope x + intercept at world z = height (down); the first three columns are means of the
-estimates, "off" are means of the sizes of the errors; all are means over approaches of each approach's mean over its
-frames. found: frames with this line after deckline's checks of the lines; the others are in no mean. Exact pose: the
-navigation unit's error taken away, in that row alone.""",
-    "improvement": """\
-Improvement: 1 - error / error of the first row, of the mean sizes of direction or intercept errors, left and right
-added for "both". Each mean is over the frames that its row finds, so that rows compare different frames. Unit alone:
-lines seen exactly, placed by the navigation unit's own wrong position and heading, in every frame: the floor of all
-rows, up to the frames that a row finds.""",
-    GAINS: """\
-What dehazing changes: degrees and metres, left and right averaged, of frames in which both rows have both lines.""",
-    PAIRED: """\
-On the same frames: each detector and the first one in the hazy picture, of frames in which both have both
-lines.""",
-    USABLE_TITLE: """\
-Usable: of all frames, those without a line counted as of no use; it is no figure of the paper's.""",
-    "pilot": """\
-Pilot: errors of the centre line as seen from the aircraft, at the touchdown point; what the navigation unit is wrong by
-about its own position and heading is taken out, as a landing follows the picture.""",
-    REQUIRED: """\
-A star: as asked for.""",
-    "consistency": """\
-Consistency: mean of the squared error over its covariance of offset, azimuth and height, with its 95 % interval over
-approaches; 3 is expected, and 95 % inside.""",
-    "efficiency": """\
-Efficiency: the Cramer-Rao bound's variance for the detected points and their stated noise, over the mean squared
-error.""",
-}
-
-
-@dataclass(frozen=True)
-class Requirement:
-    """An accuracy asked for, of errors pooled over lines."""
-
-    name: str
-    figures: tuple[str, ...]
-    percent: float  # of the sizes of the errors
-    limit: float
-    band_m: tuple[float, float]  # of range
-    unit: str
-    source: str
-
-
-DIRECTION, LATERAL, HEIGHT = (
-    tuple(f"{name}.{side}" for side in SIDES) for name in ("direction_error_deg", "lateral_error_m", "height_error_m")
-)
-NEAR_M, FAR_M = (0.0, 150.0), (150.0, 800.0)
-OWN, CARRIER, SATELLITE, CAT_IIIB = "own mark", "carrier, 1 ft", "shipboard satellite landing", "CAT IIIb, 95 %"
-REQUIREMENTS = (  # public figures
-    Requirement("direction, median", DIRECTION, 50.0, 0.1, NEAR_M, "deg", OWN),
-    Requirement("direction, 95 %", DIRECTION, 95.0, 0.3, NEAR_M, "deg", OWN),
-    Requirement("lateral at the ramp, 95 %", LATERAL, 95.0, 0.3, NEAR_M, "m", OWN),
-    Requirement("height, 95 %", HEIGHT, 95.0, 0.3, NEAR_M, "m", OWN),
-    Requirement("direction, median", DIRECTION, 50.0, 0.3, FAR_M, "deg", OWN),
-    Requirement("lateral at the ramp, 95 %", LATERAL, 95.0, 1.0, FAR_M, "m", OWN),
-    Requirement("pilot's height, 95 %", ("centre.height_m",), 95.0, 0.3048, NEAR_M, "m", CARRIER),
-    Requirement("pilot's height, 95 %", ("centre.height_m",), 95.0, 0.4, NEAR_M, "m", SATELLITE),
-    Requirement("pilot's height, largest", ("centre.height_m",), 100.0, 1.1, NEAR_M, "m", f"{SATELLITE}, alert limit"),
-    Requirement("pilot's height, 95 %", ("centre.height_m",), 95.0, 2.0, NEAR_M, "m", CAT_IIIB),
-    Requirement("pilot's lateral, 95 %", ("centre.lateral_m",), 95.0, 6.2, NEAR_M, "m", CAT_IIIB),
-    Requirement(
-        "pilot's lateral, largest", ("centre.lateral_m",), 100.0, 15.5, NEAR_M, "m", f"{CAT_IIIB}, alert limit"
-    ),
-)
-
-
-def notes_of(tables: Iterable[Table]) -> list[str]:
-    """The explanations of these tables, each once, in the order of NOTES."""
-    titles = [table.title for table in tables]
-    return [note for start, note in NOTES.items() if any(title.startswith(start) for title in titles)]
+LINES_NOTE = """\
+A line is y = slope x + intercept at world z = height (down); the first three columns are means of the estimates, "off"
+are means of the sizes of the errors; all are means over approaches of each approach's mean over its frames. found:
+frames with this line after deckline's checks of the lines; the others are in no mean. Exact pose: the navigation unit's
+error taken away, in that row alone."""
+IMPROVEMENT_NOTE = """\
+1 - error / error of the first row, of the mean sizes of direction or intercept errors, left and right added for "both".
+Each mean is over the frames that its row finds, so that rows compare different frames. Unit alone: lines seen exactly,
+placed by the navigation unit's own wrong position and heading, in every frame: the floor of all rows, up to the frames
+that a row finds."""
+GAINS_NOTE = "Degrees and metres, left and right averaged, of frames in which both rows have both lines."
+PAIRED_NOTE = "Each detector and the first one in the hazy picture, of frames in which both have both lines."
+USABLE_NOTE = "Of all frames, those without a line counted as of no use; it is no figure of the paper's."
+PILOT_NOTE = """\
+Errors of the centre line as seen from the aircraft, at the touchdown point; what the navigation unit is wrong by about
+its own position and heading is taken out, as a landing follows the picture."""
+CONSISTENCY_NOTE = """\
+Mean of the squared error over its covariance of offset, azimuth and height, with its 95 % interval over approaches; 3
+is expected, and 95 % inside."""
+EFFICIENCY_NOTE = """\
+The Cramer-Rao bound's variance for the detected points and their stated noise, over the mean squared error."""
 
 
 def localization_tables(scores: Scores, methods: Sequence[Method]) -> list[Table]:
@@ -117,7 +61,7 @@ def localization_tables(scores: Scores, methods: Sequence[Method]) -> list[Table
     paired = [table for table in (dehazing_gains(scores), detector_gains(scores)) if table.rows]
     tables = [table_6(scores), improvements(scores), *paired]
     tables += visible_tables((((name,), visible_figures(members)) for name, members in scores.items()), ("method",))
-    tables += [usable_table(scores), _pilot_table("pilot, all frames", scores)]
+    tables += [usable_table(scores), _pilot_table("pilot, all frames", scores, [PILOT_NOTE])]
     for name in tracked:
         for what, bands in {"range to the ramp": by_range, "visibility": by_visibility}.items():
             tables.append(_pilot_table(f"pilot, {name}, by {what}", bands(scores[name])))
@@ -150,11 +94,6 @@ def run_mean(scores: Iterable[LocalizationScore], name: str) -> float:
     return float(np.mean([np.mean(values) for values in runs])) if runs else float("nan")
 
 
-def sizes(scores: Iterable[LocalizationScore], *names: str) -> NDArray[np.float64]:
-    """Absolute values (N,) of figures, pooled."""
-    return np.abs([score.figures[name] for score in scores for name in names if name in score.figures])
-
-
 def line_means(scores: Sequence[LocalizationScore], side: str, prefix: str = "") -> Figures:
     """LINE_FIGURES of one line of Table 6, with prefix `unit.` of the navigation unit alone, `true_` of the true line.
 
@@ -179,7 +118,7 @@ def table_6(scores: Scores) -> Table:
             means = line_means(members, side)
             cells = (number(means.get(name), form) for name, form in LINE_CELLS.values())
             rows.append((method, side, f"{100 * found_share(members, side):.1f}", *cells))
-    return Table(TABLE_6, ("method", "line", "found %", *LINE_CELLS), rows)
+    return Table("Table 6", ("method", "line", "found %", *LINE_CELLS), rows, [LINES_NOTE])
 
 
 def improvement(means: Sequence[Figures], reference: Sequence[Figures], name: str) -> float:
@@ -205,7 +144,7 @@ def improvements(scores: Scores) -> Table:
         )
         rows.append((name, *(number(100 * value, ".1f") for value in values)))
     headings = (f"{what} {'both' if group == SIDES else group[0]}" for what, group in columns)
-    return Table(f"improvement over {reference}, %", ("method", *headings), rows)
+    return Table(f"improvement over {reference}, %", ("method", *headings), rows, [IMPROVEMENT_NOTE])
 
 
 def dehazing_gains(scores: Scores) -> Table:
@@ -218,7 +157,8 @@ def dehazing_gains(scores: Scores) -> Table:
             cells = (_gain_cells(hazy, dehazed, figure, form) for figure, form in GAINED.items())
             rows.append((name.replace(f", {HAZY}", ""), *(f"{100 * each:.1f}" for each in found), *sum(cells, ())))
     headings = (f"{what} {each}" for what in IMPROVED for each in ("hazy", "dehazed", "change [95 %]", "better, %"))
-    return Table(GAINS, ("method", "both found %, hazy", "dehazed", *headings), rows)
+    columns = ("method", "both found %, hazy", "dehazed", *headings)
+    return Table("what dehazing changes", columns, rows, [GAINS_NOTE])
 
 
 def detector_gains(scores: Scores) -> Table:
@@ -234,7 +174,7 @@ def detector_gains(scores: Scores) -> Table:
     headings = (
         f"{what} {each}" for what in IMPROVED for each in ("of the first", "here", "change [95 %]", "better, %")
     )
-    return Table(f"{PAIRED} {reference}", ("method", "frames %", *headings), rows)
+    return Table(f"{PAIRED} {reference}", ("method", "frames %", *headings), rows, [PAIRED_NOTE])
 
 
 def _has_both(score: LocalizationScore) -> bool:
@@ -296,10 +236,11 @@ def usable_table(scores: Scores) -> Table:
     for name, members in scores.items():
         fewer = unusable_improvement(members, scores[reference])
         rows.append((name, str(len(members)), number(100 * usable_share(members), ".1f"), number(100 * fewer, ".1f")))
-    return Table(USABLE_TITLE, ("method", "frames", "usable %", f"fewer not usable than {reference}, %"), rows)
+    columns = ("method", "frames", "usable %", f"fewer not usable than {reference}, %")
+    return Table(USABLE_TITLE, columns, rows, [USABLE_NOTE])
 
 
-def _pilot_table(title: str, groups: Mapping[str, Sequence[LocalizationScore]]) -> Table:
+def _pilot_table(title: str, groups: Mapping[str, Sequence[LocalizationScore]], notes: Sequence[str] = ()) -> Table:
     rows = []
     for name, members in groups.items():
         given = share(members, lambda score: "centre.lateral_m" in score.figures)
@@ -308,32 +249,7 @@ def _pilot_table(title: str, groups: Mapping[str, Sequence[LocalizationScore]]) 
         cells = (number(percentile(values, percent), ".3f") for values in errors for percent in (50.0, 95.0))
         rows.append((name, str(len(members)), f"{100 * given:.1f}", f"{100 * fine:.0f}", *cells))
     headings = (f"{what} {q}, {unit}" for what, (_, unit) in PILOT_CELLS.items() for q in ("50 %", "95 %"))
-    return Table(title, ("", "frames", "given %", "fine %", *headings), rows)
-
-
-def measure_required(scores: Iterable[LocalizationScore], required: Requirement) -> float:
-    """The measured error that a requirement limits; NaN without frames in its band."""
-    low, high = required.band_m
-    return percentile(
-        sizes((score for score in scores if low <= score.range_m < high), *required.figures), required.percent
-    )
-
-
-def accuracy_table(scores: Scores) -> Table:
-    """What is asked for, what the navigation unit alone would give and what each method does; a star where reached."""
-    rows, every = [], next(iter(scores.values()))
-    for required in REQUIREMENTS:
-        low, high = required.band_m
-        of_unit = replace(required, figures=tuple(f"unit.{name}" for name in required.figures))
-        values = (
-            measure_required(every, of_unit),
-            *(measure_required(members, required) for members in scores.values()),
-        )
-        cells = (number(value, ".3f") + (" *" if value <= required.limit else "") for value in values)
-        rows.append(
-            (required.name, f"{low:g}-{high:g} m", f"{required.limit:.3g} {required.unit}", required.source, *cells)
-        )
-    return Table(REQUIRED, ("error", "range", "limit", "from", UNIT, *scores), rows)
+    return Table(title, ("", "frames", "given %", "fine %", *headings), rows, notes)
 
 
 def consistency_table(scores: Scores) -> Table:
@@ -351,7 +267,8 @@ def consistency_table(scores: Scores) -> Table:
                 interval = "" if np.isnan(found.low) else f" [{found.low:.2f}, {found.high:.2f}]"
                 cells = (str(found.frames), f"{found.mean:.2f}{interval}", f"{100 * found.inside:.1f}")
                 rows.append((method, line, *cells))
-    return Table("consistency", ("method", "line", "frames", "mean, 3 is expected", "in 95 %, %"), rows)
+    columns = ("method", "line", "frames", "mean, 3 is expected", "in 95 %, %")
+    return Table("consistency", columns, rows, [CONSISTENCY_NOTE])
 
 
 def efficiency(scores: Iterable[LocalizationScore], error: str, bound: str) -> tuple[float, int]:
@@ -369,7 +286,7 @@ def efficiency_table(method: str, scores: Sequence[LocalizationScore]) -> Table:
     for band, members in by_range(scores).items():
         found = [efficiency(members, f"centre.{name}", f"bound.{name}") for name, _ in PILOT_CELLS.values()]
         rows.append((band, str(max(frames for _, frames in found)), *(number(value, ".2f") for value, _ in found)))
-    return Table(f"efficiency, {method}", ("range to the ramp", "frames", *PILOT_CELLS), rows)
+    return Table(f"efficiency, {method}", ("range to the ramp", "frames", *PILOT_CELLS), rows, [EFFICIENCY_NOTE])
 
 
 def protection_table(scores: Scores, tracked: Sequence[str]) -> Table:

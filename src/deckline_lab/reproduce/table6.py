@@ -7,7 +7,7 @@ from pathlib import Path
 from deckline.config import Models, RunConfig
 from deckline_lab.evaluation import visible_distance
 from deckline_lab.evaluation.localization_methods import DEHAZED, HAZY, PAPERS, methods_of
-from deckline_lab.evaluation.localization_tables import PAIRED, USABLE_TITLE, notes_of
+from deckline_lab.evaluation.localization_tables import PAIRED, USABLE_TITLE
 from deckline_lab.evaluation.tables import MISSING, Table, read_saved, write_json
 from deckline_lab.reproduce import table4
 from deckline_lab.reproduce.line_figures import draw_lines
@@ -110,8 +110,7 @@ def make_table6(runs: Path, path: Path, minutes: float, threads: int) -> None:
     run("eval", "localization", *models, *unit, *FLIGHTS, *made, quiet=True)
     saved = read_saved(flown)
     budget = f"{minutes:g} minutes of one core for each detector, {trained_minutes(dehazer):.0f} for the dehazer"
-    tables = with_paper_6(saved.tables)
-    write_json(path, f"{saved.title}; {budget}", [*tables, *decks], {}, notes_of(tables))
+    write_json(path, f"{saved.title}; {budget}", [*with_paper_6(saved.tables), *decks], {})
     single = RunConfig(models=Models(str(dehazer), str(ours)))
     methods = {method.name: method for method in methods_of(single, [str(file) for file in rivals])}
     flights = {

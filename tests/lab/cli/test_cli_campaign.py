@@ -47,36 +47,34 @@ def test_a_campaign_writes_summary_and_report(tmp_path, plan, monkeypatch, capsy
     assert str(out / "report.html") in capsys.readouterr().out
 
 
-def test_the_first_landing_of_every_outcome_is_filmed_once(tmp_path, plan, monkeypatch):
+@pytest.fixture
+def filmed(monkeypatch):
+    """Configuration and seed of each landing that is filmed; none is flown."""
     pytest.importorskip("matplotlib")
-    filmed = pytest.importorskip("deckline_lab.campaigns.filmed")
-    flown = []
+    films, found = pytest.importorskip("deckline_lab.campaigns.filmed"), []
     monkeypatch.setattr(campaign, "fly_landing", lambda config, seed: Flown())
     monkeypatch.setattr(campaign, "check_landing", lambda config: None)
-    monkeypatch.setattr(filmed, "fly_filmed", lambda config, seed: flown.append((config.sea_state, seed)))
-    monkeypatch.setattr(filmed, "make_film", lambda landing: b"film")
+    monkeypatch.setattr(films, "fly_filmed", lambda config, seed: found.append((config, seed)))
+    monkeypatch.setattr(films, "make_film", lambda landing: b"film")
+    return found
+
+
+def test_the_first_landing_of_every_outcome_is_filmed_once(tmp_path, plan, filmed):
     out = tmp_path / "out"
     for _ in range(2):
         assert main(["campaign", str(plan), "--out", str(out), "--jobs", "1", "--films"]) == 0
-    ((sea_state, seed),) = flown
+    ((config, seed),) = filmed
     (film,) = (out / "films").iterdir()
-    assert (film.name, sea_state) == (f"wave_off-0-{seed}.mp4", 2)
+    assert (film.name, config.sea_state) == (f"wave_off-0-{seed}.mp4", 2)
     assert f"films/{film.name}" in (out / "report.html").read_text()
 
 
-def test_clear_air_is_text_in_the_summary_and_a_number_in_films(tmp_path, plan, monkeypatch):
-    pytest.importorskip("matplotlib")
-    filmed = pytest.importorskip("deckline_lab.campaigns.filmed")
-    flown = []
-    monkeypatch.setattr(campaign, "fly_landing", lambda config, seed: Flown())
-    monkeypatch.setattr(campaign, "check_landing", lambda config: None)
-    monkeypatch.setattr(filmed, "fly_filmed", lambda config, seed: flown.append(config.visibility_m))
-    monkeypatch.setattr(filmed, "make_film", lambda landing: b"film")
+def test_clear_air_is_text_in_the_summary_and_a_number_in_films(tmp_path, plan, filmed):
     plan.write_text(PLAN.replace("sea_state = [2, 4]", "visibility_m = [inf]"))
     out = tmp_path / "out"
     assert main(["campaign", str(plan), "--out", str(out), "--jobs", "1", "--films"]) == 0
     (cell,) = json.loads((out / "summary.json").read_text())["cells"]
-    assert (cell["settings"], flown) == ({"visibility_m": "inf"}, [np.inf])
+    assert (cell["settings"], [config.visibility_m for config, _ in filmed]) == ({"visibility_m": "inf"}, [np.inf])
 
 
 @pytest.mark.parametrize(("key", "word"), [("guidance", "picture"), ("aircraft", "f15")])

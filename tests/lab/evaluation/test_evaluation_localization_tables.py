@@ -7,10 +7,12 @@ import pytest
 from deckline.config import RunConfig
 from deckline.types import SIDES
 from deckline_lab.evaluation.localization_methods import point_methods
+from deckline_lab.evaluation.localization_requirements import REQUIREMENTS, measure_required
 from deckline_lab.evaluation.localization_score import LocalizationScore
 from deckline_lab.evaluation.localization_tables import (
-    NOTES,
-    REQUIREMENTS,
+    GAINS_NOTE,
+    IMPROVEMENT_NOTE,
+    LINES_NOTE,
     USABLE,
     dehazing_gains,
     detector_gains,
@@ -20,15 +22,12 @@ from deckline_lab.evaluation.localization_tables import (
     improvement,
     line_means,
     localization_tables,
-    measure_required,
-    notes_of,
     run_mean,
     unusable_improvement,
     usable_share,
     visible_figures,
 )
 from deckline_lab.evaluation.pictures import medians_by_range, write_figure
-from deckline_lab.evaluation.tables import Table
 from golden import check_golden
 
 GOLDEN = Path(__file__).parent / "golden"
@@ -167,11 +166,14 @@ def test_tables_and_figures_of_known_scores(name, scores):
     check_golden(GOLDEN / f"localization_{name}.json", results)
 
 
-def test_every_note_explains_a_table_that_is_there():
+def test_every_note_explains_the_table_that_it_stands_under():
     tables = localization_tables(all_scores(), METHODS)
-    assert len(notes_of(tables)) == len(NOTES) - 2  # no row has a hazy or a dehazed picture
-    assert notes_of([Table("what dehazing changes", (), [])] * 2) == [NOTES["what dehazing changes"]]
-    assert notes_of([Table("protection", (), [])]) == []
+    notes = [note for table in tables for note in table.notes]
+    assert len(set(notes)) == len(notes)
+    assert [list(table.notes) for table in tables[:2]] == [[LINES_NOTE], [IMPROVEMENT_NOTE]]
+    assert GAINS_NOTE not in notes  # no row has a dehazed picture
+    assert list(dehazing_gains({}).notes) == [GAINS_NOTE]
+    assert [list(table.notes) for table in tables if table.title == "protection"] == [[]]
 
 
 def test_pictures_are_drawn(tmp_path):

@@ -54,7 +54,7 @@ def test_a_dehazer_without_its_metadata_is_named(tmp_path: Path, metadata: dict[
     path = export_onnx(
         nn.ReLU(), args, tmp_path / "mine.onnx", ["image"], ["clear"], None, {"kind": "dehaze", **metadata}
     )
-    with pytest.raises(ValueError, match=r"mine\.onnx.*metadata"):
+    with pytest.raises(ValueError, match=r"mine\.onnx.*(Key|Type|Value)Error\("):
         OnnxDehazer(path)
 
 
