@@ -162,12 +162,14 @@ def test_over_the_aim_point_there_are_no_angles():
 def test_the_track_goes_before_the_frame_and_brings_rates_bounds_and_state():
     ship = RunwayLine(np.array([0.0, 1.0, -21.0]), 0.0, NORTH.covariance)
     rates = dict(lateral_rate_m_s=Value(0.5, 0.1), height_rate_m_s=Value(-3.9, 0.2), closing_m_s=Value(60.0, 0.5))
+    rates |= dict(deck_acceleration_m_s2=Value(0.7, 0.3))
     ramp = dict(ramp_m=np.array([-50.0, 1.0, -21.0]), ramp_sigma_m=0.5)
     found = guidance(HERE, estimate(**RAMP), track(lines={"centre": ship}, **ramp, **rates))
     assert found.lateral_deviation_m.value == pytest.approx(3.0)
     assert found.height_above_deck_m.value == pytest.approx(8.0)
     assert found.distance_to_ramp_m.value == pytest.approx(50.0)
     assert (found.height_rate_m_s.value, found.closing_m_s.value) == (-3.9, 60.0)
+    assert found.deck_acceleration_m_s2.value == 0.7
     assert found.protection.lateral_m == 2.0
     assert found.track is TrackState.TRACKING
 

@@ -27,11 +27,12 @@ def deck_z(time_s):
 def test_a_pitching_deck_is_followed_within_a_fifth_of_a_second_and_smoothed():
     rng, tracker = np.random.default_rng(1), Tracker(RunConfig(deck=Deck(sea_state=5.0, width_m=15.0)))
     times = np.arange(0.0, 40.0, 1 / RATE_HZ)
-    found, rates, flags = [], [], 0
+    found, rates, accelerations, flags = [], [], [], 0
     for time_s in times:
         track = advance(tracker, view(time_s), seen(rng, deck_z(time_s)))
         found.append(track.lines["centre"].height_m)
         rates.append(track.height_rate_m_s.value if track.height_rate_m_s else np.nan)
+        accelerations.append(track.deck_acceleration_m_s2)
         flags += bool(track.flags)
     late = times > 3.0
     shifts = np.arange(-0.6, 0.61, 0.02)
@@ -40,6 +41,11 @@ def test_a_pitching_deck_is_followed_within_a_fifth_of_a_second_and_smoothed():
     assert np.std(np.array(found)[late] - deck_z(times[late])) < HEIGHT_M
     true_rate = (deck_z(times + 0.05) - deck_z(times - 0.05)) / 0.1
     assert np.nanstd(np.array(rates)[late] - true_rate[late]) < 0.45  # neighbouring heights differ by 1.4 m/s of noise
+    true_acceleration = -(deck_z(times + 0.1) - 2 * deck_z(times) + deck_z(times - 0.1)) / 0.1**2
+    accelerations = np.array([(value.value, value.sigma) for value in accelerations])[late]
+    off = np.abs(accelerations[:, 0] - true_acceleration[late])
+    assert np.sqrt(np.mean(off**2)) < 0.7 * np.std(true_acceleration[late])
+    assert 0.6 < np.mean(off < accelerations[:, 1]) < 0.8
     assert flags == 0
 
 

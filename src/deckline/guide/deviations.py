@@ -85,6 +85,7 @@ def guidance(frame: Frame, estimate: RunwayEstimate, track: Track | None, approa
             found,
             lateral_rate_m_s=track.lateral_rate_m_s,
             height_rate_m_s=track.height_rate_m_s,
+            deck_acceleration_m_s2=track.deck_acceleration_m_s2,
             closing_m_s=track.closing_m_s,
             protection=track.protection,
         )

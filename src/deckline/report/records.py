@@ -39,10 +39,11 @@ GUIDANCE = {  # what is written of the guidance, and what people call it
     "distance_to_touchdown_m": "Distance to touchdown",
     "lateral_rate_m_s": "Rate of the lateral deviation",
     "height_rate_m_s": "Rate of the height",
+    "deck_acceleration_m_s2": "Acceleration of the deck",
     "closing_m_s": "Closing speed",
 }
-KNOWN_TRUE = tuple(name for name in GUIDANCE if not name.endswith("_m_s"))  # one frame's truth has no rates
-UNITS = ("_m_s", "_deg", "_m", "_widths")
+KNOWN_TRUE = tuple(name for name in GUIDANCE if not name.endswith(("_m_s", "_m_s2")))  # one frame's truth has no rates
+UNITS = ("_m_s2", "_m_s", "_deg", "_m", "_widths")
 FORMULA = ("=", "+", "-", "@")  # how texts begin that spreadsheets compute; an apostrophe makes them texts
 LINES = (*SIDES, "centre")
 LINE_ERRORS = {  # of each line, and what people call it

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from deckline.config import RunConfig
 from deckline.geometry import wrap_angle
-from deckline.track.motion import Aircraft, Pose
-from deckline.track.states import FilterState, States, transition_and_noise
+from deckline.track.motion import PITCH_PERIOD_S, Aircraft, Pose, expected_acceleration
+from deckline.track.states import FilterState, States, deck_motion_sigmas, transition_and_noise
 from deckline.trackers import MAX_SPEED_SIGMA_M_S
 from deckline.types import RunwayLine, Value
 
@@ -112,6 +112,20 @@ def delay_effect(state: FilterState, pose: Pose, ahead_m: float) -> Array:
     """Change (3,) of offset, azimuth and z at a point `ahead_m` of the aircraft by a second of delay of the pose."""
     turn_rate = float(pose.turn_rate_rad_s[2])
     return -np.array([pose.velocity_m_s @ state.right + ahead_m * turn_rate, turn_rate, pose.velocity_m_s[2]])
+
+
+def deck_acceleration(state: FilterState, at_m: float, config: RunConfig) -> Value:
+    """Expected upward acceleration of the deck, m/s2; what its damping leaves out is part of the sigma.
+
+    Args:
+        at_m: where along the line, from the state's point.
+        config: the size of the deck's motion.
+    """
+    row, sinking = np.zeros(States.SIZE), expected_acceleration(PITCH_PERIOD_S)
+    row[States.HEAVE_MOTION], row[States.PITCH_MOTION] = -sinking, -at_m * sinking
+    heave_m, pitch_rad, _ = deck_motion_sigmas(config)
+    damped = sinking[1] * 2 * np.pi / PITCH_PERIOD_S * np.hypot(heave_m, at_m * pitch_rad)
+    return Value(float(row @ state.mean), float(np.sqrt(row @ state.covariance @ row + damped**2)))
 
 
 def track_rates(

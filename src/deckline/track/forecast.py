@@ -9,7 +9,7 @@ from deckline.config import RunConfig
 from deckline.geometry import Camera
 from deckline.probability import two_sided_quantile
 from deckline.track.extent import Extent, advance_extent
-from deckline.track.filter import predict, track_lines, track_rates
+from deckline.track.filter import deck_acceleration, predict, track_lines, track_rates
 from deckline.track.motion import Aircraft, Pose, predict_aircraft
 from deckline.track.prior_tests import prior_tests, unverified_reasons
 from deckline.track.protection import least_closing_speed, protection_levels, undetected_yaw
@@ -69,6 +69,7 @@ def describe_track(memory: TrackMemory, pose: Pose | None, config: RunConfig) ->
         ramp_sigma_m=None if ramp is None else far * ramp.sigma_m,
         lateral_rate_m_s=lateral,
         height_rate_m_s=height,
+        deck_acceleration_m_s2=deck_acceleration(state, at_m, config),
         closing_m_s=closing,
         age_s=age_s,
         doubts=doubts + unverified_reasons(state, age_s, tests, yaw_rad, config),

@@ -123,6 +123,12 @@ def oscillate(dt_s: float, period_s: float) -> tuple[Array, Array]:
     return transition, covariance - transition @ covariance @ transition.T
 
 
+def expected_acceleration(period_s: float) -> Array:
+    """Row (2,) that gives an oscillation's expected acceleration from its deflection and rate."""
+    omega = 2 * np.pi / period_s
+    return -np.array([omega**2, 2 * DAMPING * omega])
+
+
 def stationary_covariance(period_s: float) -> Array:
     """Covariance (2, 2) of deflection and rate of an oscillation of 1-sigma deflection 1."""
     return np.diag([1.0, (2 * np.pi / period_s) ** 2])

@@ -71,6 +71,8 @@ class Track:
     """Rate of the lateral deviation, m/s; positive: to the right."""
     height_rate_m_s: Value | None = None
     """Rate of the height above deck, m/s; positive: climbing."""
+    deck_acceleration_m_s2: Value | None = None
+    """Expected upward acceleration of the deck at the touchdown point, m/s2, by the model of its swing."""
     closing_m_s: Value | None = None
     """Closing speed, m/s; positive: the aircraft comes nearer to the ramp."""
     diagnostics: Diagnostics = ()
@@ -127,6 +129,8 @@ class Guidance:
     """Rate of the lateral deviation, m/s; positive: to the right."""
     height_rate_m_s: Value | None = None
     """Rate of the height above deck, m/s; negative in a descent."""
+    deck_acceleration_m_s2: Value | None = None
+    """Expected upward acceleration of the deck at the touchdown point, m/s2, by the track's model of its swing."""
     closing_m_s: Value | None = None
     """Closing speed, m/s; positive: the ramp comes nearer."""
     protection: Protection | None = None

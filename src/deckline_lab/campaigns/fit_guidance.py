@@ -48,9 +48,9 @@ class Looks:
     status: NDArray[np.int64]
     """(N,) index in `STATUSES`."""
     errors: Array
-    """(N, 7) shares of the protection level, and m/s; NaN: not given."""
+    """(N, 8) shares of the protection level, m/s and m/s2; NaN: not given."""
     sigmas: Array
-    """(N, 7)."""
+    """(N, 8)."""
     levels: Array
     """(N, 4)."""
 
@@ -126,9 +126,9 @@ def places(looks: Looks) -> tuple[Array, NDArray[np.int64]]:
 
 
 def normal_scores(looks: Looks, errors: Array) -> Array:
-    """(N, 7) normal score of every error in its condition; NaN where none was given."""
+    """(N, 8) normal score of every error in its condition; NaN where none was given."""
     weights, group = places(looks)
-    table = errors[looks.condition[:, 0], looks.condition[:, 1], group]  # (N, ranges, 7, scores)
+    table = errors[looks.condition[:, 0], looks.condition[:, 1], group]  # (N, ranges, 8, scores)
     quantiles = np.einsum("nr,nrqs->nqs", weights, table)
     scores = np.full(looks.errors.shape, np.nan)
     for i, j in np.argwhere(np.isfinite(looks.errors)):
@@ -137,7 +137,7 @@ def normal_scores(looks: Looks, errors: Array) -> Array:
 
 
 def fit_mixing(scores: Array) -> Array:
-    """Lower triangle (7, 7) that gives independent scores the correlations of these."""
+    """Lower triangle (8, 8) that gives independent scores the correlations of these."""
     known = scores[np.isfinite(scores).all(axis=1)]
     values, vectors = np.linalg.eigh(np.corrcoef(known.T))
     lifted = vectors @ np.diag(np.maximum(values, 1e-3)) @ vectors.T
@@ -146,7 +146,7 @@ def fit_mixing(scores: Array) -> Array:
 
 
 def fit_times(looks: Looks, scores: Array) -> Array:
-    """Time constant (7,) of every score, s, by its correlation with itself."""
+    """Time constant (8,) of every score, s, by its correlation with itself."""
     step_s = float(np.median(np.diff(looks.time_s)[np.diff(looks.flight) == 0]))
     seconds = []
     for column in scores.T:

@@ -31,6 +31,7 @@ QUANTITIES = {  # name: fields of Deviations, of Guidance and of Protection
     "lateral rate": ("lateral_rate_m_s", "lateral_rate_m_s", None),
     "height rate": ("height_rate_m_s", "height_rate_m_s", None),
     "closing": ("closing_m_s", "closing_m_s", None),
+    "deck": ("deck_acceleration_m_s2", "deck_acceleration_m_s2", None),
 }
 
 

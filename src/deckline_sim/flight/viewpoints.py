@@ -117,9 +117,14 @@ def middle_m(layout: Layout) -> NDArray[np.float64]:
 def swing(layout: Layout, motion: ShipMotion, time_s: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Roll, pitch and heave (up) (3,) of the ship at a time, rad and m, and their rates (3,)."""
     size = (0.0 if layout.on_land else 1.0) * np.array([motion.roll_rad, motion.pitch_rad, motion.heave_m])
-    rate = 2 * np.pi / (motion.period_factor * np.array(PERIODS_S))
+    rate = swing_rates(motion)
     angle = rate * time_s + np.array(motion.phases_rad)
     return size * np.sin(angle), size * rate * np.cos(angle)
+
+
+def swing_rates(motion: ShipMotion) -> NDArray[np.float64]:
+    """Angular frequencies (3,) of roll, pitch and heave, rad/s."""
+    return np.asarray(2 * np.pi / (motion.period_factor * np.array(PERIODS_S)))
 
 
 @dataclass(frozen=True, eq=False)

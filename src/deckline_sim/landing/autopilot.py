@@ -2,7 +2,8 @@
 
 Path: the height error of the hook asks for a climb rate relative to the moving deck, an error of that rate for a pitch
 attitude, and an error of the attitude for elevator. What a gust lifts, the accelerometer measures at once, and pitch
-takes it back. The throttle holds the airspeed. Lateral: the deviation and its rate ask for a bank angle.
+takes it back. The path follows late, so the rate is that which the deck will have then, by its expected acceleration.
+The throttle holds the airspeed. Lateral: the deviation and its rate ask for a bank angle.
 
 Between two answers, and for their latency, the deviations move on with the aircraft's own velocity. The deck's is what
 the track measures: `height_rate_m_s` is relative to the moving deck.
@@ -19,6 +20,7 @@ GRAVITY_M_S2 = 9.81
 HEIGHT_RAD_S = 0.8  # closing rate of a height error
 MOST_CLIMB_M_S = 2.5  # beside the glideslope, to close a height error
 PATH_GAIN, PATH_RAD_S = 5.0, 1.0  # pitch per error of the path angle, and its integral's rate
+LEAD_S = 0.6  # by which the path follows its command late
 LIFT_S = 1.0  # pitch per rate of the path angle: what a gust lifts is taken back before it has moved the aircraft
 MOST_PITCH_RAD = math.radians(6.0)  # from trim
 PITCH_RAD_S, PITCH_DAMPING = 4.0, 3.0  # rate per error of pitch, elevator per error of the rate
@@ -62,6 +64,8 @@ class Deviations:
     """Above the glideslope, m."""
     height_rate_m_s: float
     """Rate of the height above the deck, m/s."""
+    deck_m_s2: float
+    """Upward acceleration of the deck, m/s2."""
     to_go_m: float
     """To the touchdown point, m."""
     closing_m_s: float
@@ -140,9 +144,11 @@ class Autopilot:
         closing = _number(guidance.closing_m_s)
         lateral = _number(guidance.lateral_deviation_m) + (side + to_right / 2) * late
         sinking = climb + closing * self._slope  # relative to the glideslope
-        height = _number(guidance.vertical_deviation_m) + (sinking - faster[2] / 2) * late
+        deck = _number(guidance.deck_acceleration_m_s2)
+        gained = -faster[2] - deck * late
+        height = _number(guidance.vertical_deviation_m) + (sinking + gained / 2) * late
         to_go = _number(guidance.distance_to_touchdown_m) - closing * late
-        return Deviations(lateral, side + to_right, height, climb - faster[2], to_go, closing)
+        return Deviations(lateral, side + to_right, height, climb + gained, deck, to_go, closing)
 
     def fly(self, state: AircraftState, time_s: float) -> Controls:
         """Controls for the next step."""
@@ -155,7 +161,8 @@ class Autopilot:
         if found is None:  # hold the first path
             return self._control(state, (state.velocity_m_s[2] - self._trim.velocity_m_s[2]) / speed, 0.0)
         wanted = -found.closing_m_s * self._slope + _limit(-HEIGHT_RAD_S * found.height_m, MOST_CLIMB_M_S)
-        return self._control(state, (wanted - found.height_rate_m_s) / speed, _bank(found))
+        coming = found.height_rate_m_s - LEAD_S * found.deck_m_s2
+        return self._control(state, (wanted - coming) / speed, _bank(found))
 
     def _find_reason(self, found: Deviations | None, state: AircraftState, time_s: float) -> WaveOff | None:
         """Why the pass must be broken off now; None: it need not."""

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deckline_sim.flight.viewpoints import ShipMotion, middle_m, ship_pose, steady_velocity, swing
+from deckline_sim.flight.viewpoints import ShipMotion, middle_m, ship_pose, steady_velocity, swing, swing_rates
 from deckline_sim.ship.layout import Layout
 from deckline_sim.ship.paint_shapes import axes
 
@@ -94,9 +94,17 @@ class Deck:
 
     def rise_m_s(self, time_s: float) -> float:
         """Upward speed of the touchdown point, m/s, of a ship that is level at rest; first order in the angles."""
-        _, (roll_rate, pitch_rate, heave_rate) = swing(self.layout, self.motion, time_s)
+        return self._upward(swing(self.layout, self.motion, time_s)[1])
+
+    def acceleration_m_s2(self, time_s: float) -> float:
+        """Upward acceleration of the touchdown point, m/s2, to the same order."""
+        return self._upward(-(swing_rates(self.motion) ** 2) * swing(self.layout, self.motion, time_s)[0])
+
+    def _upward(self, change: Float64) -> float:
+        """Of the touchdown point, from a change (3,) of roll, pitch and heave."""
+        roll, pitch, heave = change
         x, y = self._ramp + self.touchdown_m * self.along - self._at_rest[3][:2]
-        return float(heave_rate + pitch_rate * x - roll_rate * y)
+        return float(heave + pitch * x - roll * y)
 
     @property
     def velocity_m_s(self) -> Float64:

@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 class Deviations:
     """Where an aircraft is relative to a centre line, and how that changes; or the 1-sigma of each number.
 
-    The height's rate has the deck's rise; the other two are relative to the ship under way, without its swing.
+    The height's rate has the deck's rise; the other two rates are relative to the ship under way, without its swing.
     """
 
     lateral_m: float
@@ -49,6 +49,8 @@ class Deviations:
     """Above the touchdown point, which moves, m/s."""
     closing_m_s: float
     """Towards the ramp, m/s."""
+    deck_acceleration_m_s2: float
+    """Upward, of the touchdown point that moves, m/s2."""
 
 
 def deviations(
@@ -81,6 +83,7 @@ def deviations(
         float(-y * moving[0] + x * moving[1]),
         float(-velocity_m_s[2]) - (0.0 if steady else deck.rise_m_s(time_s)),
         float(x * moving[0] + y * moving[1]),
+        0.0 if steady else deck.acceleration_m_s2(time_s),
     )
 
 
@@ -105,6 +108,7 @@ def stated_guidance(
         distance_to_ramp_m=values["distance_m"],
         lateral_rate_m_s=values["lateral_rate_m_s"],
         height_rate_m_s=values["height_rate_m_s"],
+        deck_acceleration_m_s2=values["deck_acceleration_m_s2"],
         closing_m_s=values["closing_m_s"],
         protection=protection,
         track=TrackState.COASTING if coasting else TrackState.TRACKING,

@@ -23,7 +23,7 @@ GRADES = ("exact", "good", "tactical")
 ROUGH_SEA = 2.5  # sea state from which a sea is rough: the middle of what was flown
 QUANTITIES = (
     *("lateral_m", "height_m", "heading_rad", "distance_m"),
-    *("lateral_rate_m_s", "height_rate_m_s", "closing_m_s"),
+    *("lateral_rate_m_s", "height_rate_m_s", "closing_m_s", "deck_acceleration_m_s2"),
 )
 LEVELS = QUANTITIES[:4]  # that have a protection level
 STATUSES = (Status.NOT_SEEN, Status.UNVERIFIED, Status.OK, Status.ONE_LINE, Status.COASTING, Status.STALE)
@@ -39,13 +39,13 @@ class GuidanceModel:
     rate_hz: float
     """Looks a second of the flights that it was fitted to: the chain's step."""
     correlation_s: Array
-    """(7,) time constant of each error's score, s."""
+    """(8,) time constant of each error's score, s."""
     mixing: Array
-    """(7, 7) lower triangle: correlated scores from independent ones."""
+    """(8, 8) lower triangle: correlated scores from independent ones."""
     errors: Array
-    """(grades, seas, groups, ranges, 7, scores) quantiles of the errors, shares of the level, and m/s."""
+    """(grades, seas, groups, ranges, 8, scores) quantiles of the errors, shares of the level, m/s and m/s2."""
     sigmas: Array
-    """(grades, seas, groups, ranges, 7) median of the stated 1-sigma, m, rad, m/s."""
+    """(grades, seas, groups, ranges, 8) median of the stated 1-sigma, m, rad, m/s, m/s2."""
     levels: Array
     """(grades, seas, groups, ranges, 4) median of the protection levels, m, rad."""
     level_spread: float

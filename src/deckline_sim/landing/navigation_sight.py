@@ -14,6 +14,7 @@ from deckline_sim.landing.sight import Moment
 from deckline_sim.landing.surroundings import surroundings
 
 RATE_SIGMA_M_S = 0.05  # 1-sigma of velocities, of both units together; our choice
+DECK_SIGMA_M_S2 = 1.0  # 1-sigma of the deck's acceleration, of which navigation knows nothing; our choice
 SHIP = 62  # random stream
 
 
@@ -51,7 +52,7 @@ class NavigationSight:
         across_m = sqrt(2.0) * sensors.position_m
         height_m = float(np.hypot(np.hypot(sensors.position_m, sensors.deck_z_m), motion.heave_m))
         rate = RATE_SIGMA_M_S
-        return Deviations(across_m, height_m, sensors.attitude_rad, across_m, rate, rate, rate)
+        return Deviations(across_m, height_m, sensors.attitude_rad, across_m, rate, rate, rate, DECK_SIGMA_M_S2)
 
     def _protection(self) -> Protection:
         sigma, risk = self.sigma, self.surroundings.run.integrity.risk

@@ -15,7 +15,7 @@ from deckline_lab.campaigns.looks import approach_moments, look_record, looks_js
 from deckline_sim.flight.viewpoints import ship_pose
 from deckline_sim.landing.config import LandingCamera, LandingConfig
 from deckline_sim.landing.detection_model import DetectionModel, read_detection_model
-from deckline_sim.landing.guidance_model import DEPTHS, GRADES, SCORES, STATUSES
+from deckline_sim.landing.guidance_model import DEPTHS, GRADES, QUANTITIES, SCORES, STATUSES
 from deckline_sim.landing.guidance_sight import GuidanceSight
 from deckline_sim.landing.modelled_detector import ModelledDetector, latent_mean
 from deckline_sim.landing.navigation_sight import NavigationSight
@@ -82,7 +82,7 @@ def guidance_looks(rng: np.random.Generator) -> Looks:
     condition = np.array([(g, s) for g in range(len(GRADES)) for s in range(2)])
     ranges = np.tile(np.linspace(1200.0, 0.0, count), flights)
     status = np.full(size, STATUSES.index(Status.OK))
-    errors = 0.5 * rng.standard_normal((size, 7))
+    errors = 0.5 * rng.standard_normal((size, len(QUANTITIES)))
     return Looks(
         np.repeat(np.arange(flights), count),
         np.tile(np.arange(count) / 10.0, flights),
@@ -91,7 +91,7 @@ def guidance_looks(rng: np.random.Generator) -> Looks:
         np.repeat(condition, count, axis=0),
         status,
         errors,
-        np.full((size, 7), 0.5),
+        np.full((size, len(QUANTITIES)), 0.5),
         np.full((size, 4), 3.0),
     )
 
@@ -100,7 +100,7 @@ def test_guidance_fit_has_the_quantiles_and_levels_of_its_looks() -> None:
     model = fit_guidance(guidance_looks(np.random.default_rng(3)), 10.0)
     np.testing.assert_allclose(model.errors.mean(axis=(0, 1, 2, 3, 4))[1:-1], 0.5 * np.array(SCORES)[1:-1], atol=0.06)
     np.testing.assert_allclose(model.levels, 3.0)
-    np.testing.assert_allclose(model.mixing, np.eye(7), atol=0.15)
+    np.testing.assert_allclose(model.mixing, np.eye(len(QUANTITIES)), atol=0.15)
     assert model.level_spread == pytest.approx(0.0, abs=1e-9)
     assert (model.correlation_s < 0.2).all()
 

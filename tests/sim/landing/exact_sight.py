@@ -9,7 +9,7 @@ from deckline_sim.landing.deviations import Deviations, deviations, stated_guida
 from deckline_sim.landing.sight import Moment
 from deckline_sim.landing.surroundings import surroundings
 
-SIGMA = Deviations(*[0.01] * 7)
+SIGMA = Deviations(*[0.01] * 8)
 BOUNDS = Protection(2.0, 1.0, None, None, 1e-4)
 
 

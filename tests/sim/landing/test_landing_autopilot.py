@@ -12,12 +12,12 @@ from deckline_sim.landing.autopilot import Autopilot, Fix
 from deckline_sim.landing.deviations import Deviations, stated_guidance
 
 TRIM = AircraftState((0.0, 0.0, -50.0), (0.0, 0.1, 0.0), (50.0, 0.0, 3.0), (0.0, 0.0, 0.0), 60.0, 1.0)
-PLACE = Deviations(2.0, 40.0, 0.0, 500.0, 0.0, -3.0, 50.0)
+PLACE = Deviations(2.0, 40.0, 0.0, 500.0, 0.0, -3.0, 50.0, 0.0)
 FLAG = Diagnostic(Reason.PAINT, "paint under the lines")
 
 
 def answer(status=Status.OK, place=PLACE, time_s=0.0):
-    return stated_guidance(time_s, place, Deviations(*[0.1] * 7), status, None, Approach())
+    return stated_guidance(time_s, place, Deviations(*[0.1] * 8), status, None, Approach())
 
 
 def autopilot():
@@ -52,6 +52,17 @@ def test_a_late_answer_moves_on_along_the_centre_line():
     assert found.lateral_rate_m_s == pytest.approx(2.0)
     assert found.lateral_m == pytest.approx(2.0 + 0.2 * 2.0 / 2)
     assert found.height_rate_m_s == pytest.approx(-4.0)
+
+
+def test_a_deck_that_gathers_speed_upwards_is_met_earlier():
+    """An answer 0.2 s old; the deck rises faster by 1 m/s every second, so that the stick is pulled now."""
+    level, rising, path = autopilot(), autopilot(), replace(PLACE, height_m=34.2)  # 0.06 of 570 m
+    level.hear(answer(place=path), TRIM, is_of_picture=True)
+    rising.hear(answer(place=replace(path, deck_acceleration_m_s2=1.0)), TRIM, is_of_picture=True)
+    before, found = (pilot.deviations(TRIM, 0.2) for pilot in (level, rising))
+    assert found.height_rate_m_s - before.height_rate_m_s == pytest.approx(-0.2)
+    assert found.height_m - before.height_m == pytest.approx(-0.02)
+    assert rising.fly(TRIM, 0.2).elevator < level.fly(TRIM, 0.2).elevator
 
 
 @pytest.mark.parametrize("status", [Status.ONE_LINE, Status.COASTING, Status.STALE])

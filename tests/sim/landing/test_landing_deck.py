@@ -63,6 +63,8 @@ def test_the_steady_centre_line_sails_on(deck):
 def test_the_touchdown_point_rises_as_its_height_changes(deck):
     heights = [-deck.centre_line(5.0 + step)[1, 2] for step in (-0.01, 0.01)]
     assert deck.rise_m_s(5.0) == pytest.approx(np.diff(heights)[0] / 0.02, abs=0.01)
+    gained = np.diff([deck.rise_m_s(time_s) for time_s in (4.99, 5.01)])[0] / 0.02
+    assert deck.acceleration_m_s2(5.0) == pytest.approx(gained, abs=1e-4)
 
 
 def test_points_come_into_the_ships_frame_and_back(deck):

@@ -183,7 +183,7 @@ def test_guidance_repeats_with_its_seed_and_is_not_seen_far_off() -> None:
 def test_guidance_errors_have_the_spread_of_their_table() -> None:
     model = exact_guidance()
     errors = np.zeros_like(model.errors) + 0.5 * np.array([-2.576, -1.645, -0.674, 0.0, 0.674, 1.645, 2.576])
-    model = replace(model, errors=errors, mixing=np.eye(7), correlation_s=np.full(7, 0.01))
+    model = replace(model, errors=errors, mixing=np.eye(8), correlation_s=np.full(8, 0.01))
     sight = GuidanceSight(EXACT, 5, model)
     moments = [replace(moment_at(sight.surroundings, 0.0), time_s=0.1 * k) for k in range(400)]
     found = [sight.see(moment) for moment in moments]
