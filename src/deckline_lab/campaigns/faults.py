@@ -79,12 +79,16 @@ def faulty_sights(config: LandingConfig, seed: int) -> Sights:
     """The sights of a landing with a fault.
 
     Raises:
-        ValueError: a fault that is not known, another sight than points, or guidance by navigation alone.
+        ValueError: a fault that is not known, another sight than points, or guidance that cannot have it.
     """
     if config.sight != "points":
         raise ValueError(f"fault {config.fault!r} needs sight 'points', got {config.sight!r}")
     if config.guidance == "navigation":
         raise ValueError(
             f"fault {config.fault!r} is the picture's: guidance must be 'both' or 'picture', got 'navigation'"
+        )
+    if config.guidance == "picture" and find_fault(config.fault).of_pose:
+        raise ValueError(
+            f"fault {config.fault!r} is the pose's, which guidance 'picture' has none of: fly it with 'both'"
         )
     return Sights(FaultySight(config, seed), NavigationSight(config, seed) if config.guidance == "both" else None)

@@ -41,8 +41,15 @@ class Fault:
     """Draws the size of the fault and returns what it does to each frame."""
     width_off: float = 0.0
     """Error of the stated width, as a share of the true one, either way; 0: none."""
+    of_pose: bool = False
+    """It is in the pose, or in the deck's height beside it; a flight without poses cannot have it."""
 
 
+DECK_HEIGHTS = {  # told instead of the true z, m, by the end of the fault's name
+    " -10 m": lambda frame, z_m: z_m - DECK_UP_M,
+    " of the sea": lambda frame, z_m: frame.sea_z_m,
+    ", wrong sign": lambda frame, z_m: -z_m,
+}
 FAULTS = {
     fault.name: fault
     for fault in (
@@ -57,18 +64,19 @@ FAULTS = {
         Fault("stalled picture", True, Runs.RENDERED, sensors.stall_picture),
         Fault("stalled picture and pose", True, Runs.RENDERED, sensors.stall_all),
         Fault("dropped frames", True, Runs.RENDERED, sensors.drop_frames),
-        Fault("pose late by 0.2 s", True, Runs.BOTH, sensors.delay_pose),
-        Fault("swapped poses", True, Runs.RENDERED, sensors.swap_poses),
-        Fault("deck height once", True, Runs.MODELLED, sensors.shift_deck_once),
-        Fault("deck height", False, Runs.MODELLED, sensors.shift_deck),
+        Fault("pose late by 0.2 s", True, Runs.BOTH, sensors.delay_pose, of_pose=True),
+        Fault("swapped poses", True, Runs.RENDERED, sensors.swap_poses, of_pose=True),
+        Fault("deck height once", True, Runs.MODELLED, sensors.shift_deck_once, of_pose=True),
+        Fault("deck height", False, Runs.MODELLED, sensors.shift_deck, of_pose=True),
         *(Fault(f"mount {deg:g} deg in yaw", False, Runs.BOTH, sensors.turn_mount("z", deg)) for deg in YAW_DEG),
         *(Fault(f"cx {px:g} px off", False, Runs.BOTH, sensors.move_principal_point(px)) for px in CX_PX),
         *(Fault(f"left {share:.0%} cropped", False, Runs.BOTH, sensors.crop_left(share)) for share in CROPPED),
         *(Fault(f"width {off:.0%} off", False, Runs.BOTH, sensors.change_nothing, off) for off in WIDTH_OFF),
         Fault("mount 3 deg in pitch", False, Runs.BOTH, sensors.turn_mount("y", PITCH_DEG)),
-        Fault("deck height -10 m", False, Runs.BOTH, sensors.set_deck(lambda frame, z_m: z_m - DECK_UP_M)),
-        Fault("deck height of the sea", False, Runs.BOTH, sensors.set_deck(lambda frame, z_m: frame.sea_z_m)),
-        Fault("deck height, wrong sign", False, Runs.BOTH, sensors.set_deck(lambda frame, z_m: -z_m)),
+        *(
+            Fault(f"deck height{name}", False, Runs.BOTH, sensors.set_deck(height), of_pose=True)
+            for name, height in DECK_HEIGHTS.items()
+        ),
         Fault("night gain", False, Runs.RENDERED, pictures.darken),
         Fault("glare", True, Runs.RENDERED, pictures.dazzle),
         Fault("extra line", False, Runs.RENDERED, pictures.extra_line),

@@ -34,6 +34,12 @@ def test_faults_need_a_picture():
         check_landing(with_fault("swapped lines", guidance="navigation"))
 
 
+@pytest.mark.parametrize("name", ["pose late by 0.2 s", "deck height of the sea"])
+def test_faults_of_a_pose_need_one(name):
+    with pytest.raises(ValueError, match=f"{name}.*picture"):
+        check_landing(with_fault(name, guidance="picture"))
+
+
 def test_a_width_is_told_wrongly():
     run = surroundings(CALM, 0).run
     assert misstate_width(run, 0.2).deck.width_m == pytest.approx(1.2 * run.deck.width_m)
