@@ -26,7 +26,8 @@ Good: a wire, or a wave-off that had to be. Square brackets: 95 % intervals (Clo
 95 % bound; of no event in n landings it is 3 / n. Touchdown: of all landings that touched the deck; along: beyond the
 touchdown point, across: right of the centre line; 1-sigma in brackets. First ok: median distance to the ramp at the
 first `ok` answer of the picture, of the landings that had one; with ok: how many of the cell's landings had one.
-Modelled guidance draws errors as shares of their levels: it cannot measure how often an `ok` misleads."""
+Modelled guidance draws errors as shares of their levels, and exact guidance has none: neither can measure how often an
+`ok` misleads."""
 WEIGHTED_NOTE = """\
 Shares are weighted: estimates of the weighted mean with gamma intervals (Fay and Feuer). Effective: landings of equal
 weight that would give the mean the same variance."""
@@ -170,8 +171,8 @@ def summary_tables(cells: Sequence[CellSummary], weighted: bool) -> list[Table]:
 
 
 def measures_misleading(sight: str, guidance: str) -> bool:
-    """Whether such a landing can find an `ok` that misleads: modelled guidance draws errors as shares of levels."""
-    return sight != "guidance" or guidance == "navigation"
+    """Whether such a landing can find an `ok` that misleads: modelled guidance cannot, exact guidance never does."""
+    return sight in ("points", "rendered") or guidance == "navigation"
 
 
 def weighted_median(values: Sequence[float], weights: Sequence[float]) -> float | None:

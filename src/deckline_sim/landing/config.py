@@ -12,7 +12,7 @@ from deckline_sim.ship.ship_class import SHIP_CLASSES
 
 NavigationGrade = Literal["exact", "good", "tactical"]
 GuidanceSource = Literal["both", "navigation", "picture"]
-SightKind = Literal["rendered", "points", "guidance"]
+SightKind = Literal["rendered", "points", "guidance", "exact"]
 LONGEST_LATENCY_S = 1.0
 MODELLED_SEA_STATE = 4.0  # roughest of the flights that modelled guidance is fitted to: scripts/fit_sights.py
 
@@ -74,7 +74,7 @@ class LandingConfig:
     guidance: GuidanceSource = "both"
     """What the aircraft follows: navigation and picture, navigation alone, or the picture without a pose."""
     sight: SightKind = "points"
-    """How the picture is seen: rendered, as modelled points through deckline, or as modelled guidance."""
+    """How the picture is seen: rendered, as modelled points through deckline, as modelled guidance, or exactly."""
     models: Models = field(default_factory=Models)
     """Dehazer and detector of rendered pictures; the modelled sights are of the shipped ones."""
     tracking: Tracking = field(default_factory=Tracking)

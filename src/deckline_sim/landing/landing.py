@@ -16,6 +16,7 @@ from deckline_sim.landing.autopilot import DECISION_M, Autopilot, Fix, WaveOff, 
 from deckline_sim.landing.config import LandingConfig
 from deckline_sim.landing.deck import rotation_matrix
 from deckline_sim.landing.deviations import Deviations, deviations
+from deckline_sim.landing.exact_sight import ExactSight
 from deckline_sim.landing.guidance_sight import GuidanceSight
 from deckline_sim.landing.navigation_sight import NavigationSight
 from deckline_sim.landing.point_sight import PointSight
@@ -31,6 +32,7 @@ CLEAR_M = 15.0  # above the deck and climbing: a go-around is over
 LONGEST_S = 120.0
 SEEN_SHARE = 0.8  # of the visibility: a ramp that is nearer ought to be seen
 COUNTED_M = 800.0  # to the ramp, from which answers are counted
+MODELLED = {"points": PointSight, "guidance": GuidanceSight, "exact": ExactSight}  # sights without pictures
 # Random streams of a landing.
 AIR, START = 31, 32
 
@@ -139,8 +141,7 @@ class Sights:
             from deckline_sim.landing.rendered_sight import RenderedSight  # needs OpenGL
 
             return cls(RenderedSight(config, seed), navigation)
-        sight = PointSight if config.sight == "points" else GuidanceSight
-        return cls(sight(config, seed), navigation)
+        return cls(MODELLED[config.sight](config, seed), navigation)
 
     def close(self) -> None:
         """End the threads of the sights."""

@@ -5,12 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from exact_sight import ExactSight
 
 from deckline.config import Models, Tracking
 from deckline_sim.landing.aircraft import AIRCRAFT_TYPES, DYNAMICS_HZ, Aircraft, Controls
 from deckline_sim.landing.autopilot import DECISION_M, WaveOff, in_window
 from deckline_sim.landing.config import MODELLED_SEA_STATE, LandingCamera, LandingConfig
+from deckline_sim.landing.exact_sight import ExactSight
 from deckline_sim.landing.landing import Sights, fly, is_misleading, start_aircraft
 from deckline_sim.landing.sight import Moment
 from deckline_sim.landing.touchdown import Outcome
@@ -18,8 +18,27 @@ from deckline_sim.landing.touchdown import Outcome
 CALM = LandingConfig(sea_state=0.0, wind_m_s=0.0, burble=0.0, start_m=700.0)
 
 
-def land(config, seed=0, **sight):
-    return fly(config, seed, Sights(ExactSight(config, seed, **sight)))
+class Recording(ExactSight):
+    """Keeps the last moment."""
+
+    def see(self, moment):
+        self.moment = moment
+        return super().see(moment)
+
+
+class Biased(ExactSight):
+    """Says 3 m too far right, with levels of 2 m."""
+
+    def see(self, moment):
+        answer = super().see(moment)
+        lateral = replace(answer.lateral_deviation_m, value=answer.lateral_deviation_m.value + 3.0)
+        return replace(
+            answer, lateral_deviation_m=lateral, protection=replace(answer.protection, lateral_m=2.0, vertical_m=1.0)
+        )
+
+
+def land(config, seed=0, seen_m=math.inf):
+    return fly(config, seed, Sights(ExactSight(config, seed, seen_m)))
 
 
 def test_a_trimmed_aircraft_stays_on_its_path_and_the_wind_carries_it():
@@ -68,10 +87,10 @@ def test_an_aircraft_that_sees_nothing_in_time_goes_around():
 @pytest.mark.parametrize("start_m", [500.0, 1500.0, 3000.0])
 def test_an_aircraft_that_hears_nothing_decides_at_the_decision_range(start_m):
     config = LandingConfig(guidance="picture", visibility_m=350.0, start_m=start_m)
-    sight = ExactSight(config, 1, seen_m=0.0)
+    sight = Recording(config, 1, seen_m=0.0)
     landing = fly(config, 1, Sights(sight))
-    aim_m = sight.scene.run.approach.touchdown_m
-    assert sight.last.distance_m + aim_m == pytest.approx(DECISION_M, abs=15.0)
+    aim_m = sight.surroundings.run.approach.touchdown_m
+    assert sight.truth(sight.moment).distance_m + aim_m == pytest.approx(DECISION_M, abs=15.0)
     assert (landing.wave_off, landing.called_for) == (WaveOff.NOT_SEEN, False)
 
 
@@ -81,18 +100,20 @@ def test_an_aircraft_that_sees_the_ramp_late_lands():
 
 
 def test_a_wrong_guidance_that_says_ok_is_counted():
-    landing = land(CALM, bias_m=(3.0, 0.0))
+    landing = fly(CALM, 0, Sights(Biased(CALM, 0)))
     assert landing.misleading > 0
     assert landing.touchdown.right_m == pytest.approx(-3.0, abs=0.3)
 
 
 def test_an_ok_without_a_protection_level_is_misleading():
     sight = ExactSight(CALM, 0)
-    moment = Moment(0.0, start_aircraft(sight.scene).state.world_from_body, np.array([60.0, 0.0, 3.0]), np.zeros(3))
+    moment = Moment(
+        0.0, start_aircraft(sight.surroundings).state.world_from_body, np.array([60.0, 0.0, 3.0]), np.zeros(3)
+    )
     answer = sight.see(moment)
-    assert not is_misleading(answer, sight.last)
-    assert is_misleading(replace(answer, protection=None), sight.last)
-    assert not is_misleading(replace(answer, protection=None, height_above_deck_m=None), sight.last)
+    assert not is_misleading(answer, sight.truth(moment))
+    assert is_misleading(replace(answer, protection=None), sight.truth(moment))
+    assert not is_misleading(replace(answer, protection=None, height_above_deck_m=None), sight.truth(moment))
 
 
 @pytest.mark.parametrize("airspeed_m_s", [math.nan, 1e36])
