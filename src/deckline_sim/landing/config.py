@@ -102,6 +102,8 @@ class LandingConfig:
             raise ValueError(f"sight {self.sight!r} is of the shipped models: fly others with sight 'rendered'")
         if self.sight == "guidance":
             self._check_modelled()
+        if self.sight == "exact" and self.tracking != Tracking():
+            raise ValueError("sight 'exact' tracks nothing: fly another tracking with sight 'points' or 'rendered'")
         check_numbers(self, "", "sea_state", least=0.0, most=6.0)
         check_numbers(self, "", "deck_period_factor", least=0.25, most=4.0)
         check_numbers(self, "", "ship_speed_m_s", least=0.0, most=20.0)
