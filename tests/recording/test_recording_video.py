@@ -7,6 +7,7 @@ import pytest
 
 from deckline.config import Navigation
 from deckline.recording import BadFrame, RecordingError, open_recording
+from deckline.recording.upright import square_size
 from deckline.types import NO_CAMERA, NO_POSE
 
 WIDTH, HEIGHT, COUNT = 64, 48, 12
@@ -203,3 +204,62 @@ def test_sound_is_no_film(tmp_path):
         container.mux(stream.encode())
     with pytest.raises(RecordingError, match=r"sound\.wav"):
         open_recording(path)
+
+
+def encode_shown(path, picture, turn_deg=None, pixel_aspect=None):
+    """A film of one picture with this display matrix (degrees counter-clockwise) and these pixels."""
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=25)
+        stream.height, stream.width = picture.shape[:2]
+        stream.options = {"qp": "1"}
+        if turn_deg is not None:
+            stream.set_display_rotation(turn_deg)
+        if pixel_aspect is not None:
+            stream.codec_context.sample_aspect_ratio = pixel_aspect
+        packets = stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24"))
+        container.mux(packets + stream.encode())
+    return path
+
+
+@pytest.fixture
+def corners():
+    """A picture (48, 64, 3) whose corners differ in brightness."""
+    quarters = np.kron([[30, 90], [150, 210]], np.ones((HEIGHT // 2, WIDTH // 2)))
+    return np.repeat(quarters.astype(np.uint8)[:, :, None], 3, axis=2)
+
+
+@pytest.mark.parametrize("quarters", [1, 2, 3])
+def test_pictures_are_turned_as_their_metadata_state(tmp_path, corners, quarters):
+    film = encode_shown(tmp_path / "phone.mp4", np.rot90(corners, quarters), turn_deg=-90 * quarters)
+    source = open_recording(film, fov_deg=60.0)
+    (frame,) = source
+    np.testing.assert_allclose(frame.image_rgb.astype(float), corners, atol=6)
+    assert (frame.camera.width, frame.camera.height) == (WIDTH, HEIGHT)
+    assert any("metadata turn the pictures" in note for note in source.notes)
+
+
+def test_other_than_quarter_turns_are_refused(tmp_path, corners):
+    film = encode_shown(tmp_path / "phone.mp4", corners, turn_deg=30)
+    with pytest.raises(RecordingError, match=r"phone\.mp4.*30 degrees"):
+        open_recording(film)
+
+
+@pytest.mark.parametrize(("aspect", "size"), [(Fraction(4, 3), (85, 48)), (Fraction(3, 4), (64, 64))])
+def test_pixels_become_square(tmp_path, corners, aspect, size):
+    film = encode_shown(tmp_path / "wide.mp4", corners, pixel_aspect=aspect)
+    source = open_recording(film, fov_deg=60.0)
+    (frame,) = source
+    assert (frame.image_rgb.shape[1], frame.image_rgb.shape[0]) == size
+    assert frame.camera.fx == frame.camera.fy
+    assert any(f"64x48 px become {size[0]}x{size[1]} px" in note for note in source.notes)
+
+
+def test_intrinsics_of_pixels_as_stored_are_made_square(tmp_path, corners):
+    film = encode_shown(tmp_path / "wide.mp4", corners, pixel_aspect=Fraction(4, 3))
+    (frame,) = open_recording(beside(film, camera__toml=CAMERA))
+    np.testing.assert_allclose([frame.camera.fx, frame.camera.fy], [50 * 85 / 64, 50])
+
+
+def test_pixels_too_wide_are_refused_before_they_are_made():
+    with pytest.raises(ValueError, match="3840000x48 px"):
+        square_size(WIDTH, HEIGHT, 60000.0)

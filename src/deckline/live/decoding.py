@@ -18,6 +18,7 @@ from av.codec.context import Flags
 from deckline.files import MOST_PIXELS
 from deckline.live.datagrams import LOST_S, Receiver
 from deckline.recording import RecordingError
+from deckline.recording.upright import read_pixel_aspect
 
 BOUNDS = {"max_pixels": str(MOST_PIXELS)}
 # Without FFmpeg's parser, which delays by one more picture. The least probesize ends the analysis with the first
@@ -42,6 +43,8 @@ class Picture:
     """When its data arrived, monotonic clock."""
     waited: bool
     """Whether the receiver waited for the data; else they may have waited for the receiver."""
+    pixel_aspect: float = 1.0
+    """Width over height of a pixel."""
 
 
 class DatagramFile:
@@ -158,4 +161,4 @@ def _decode_packet(packet: Any, arrival_s: float, waited: bool) -> Iterator[Pict
         return
     for image in images:
         damage = "the decoder concealed missing data" if image.is_corrupt else ""
-        yield Picture(image, damage, image.time, arrival_s, waited)
+        yield Picture(image, damage, image.time, arrival_s, waited, read_pixel_aspect(packet.stream))

@@ -5,7 +5,6 @@ import time
 from abc import abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import av
 
@@ -14,6 +13,7 @@ from deckline.live.decoding import Picture
 from deckline.live.tally import Log
 from deckline.recording import BadFrame, Recording, RecordingError, Source
 from deckline.recording.camera_file import STATED, MountedCamera, note_camera
+from deckline.recording.upright import read_upright, upright_size
 from deckline.types import Frame
 
 SLICE_S = 0.05  # within which a wait notices a stop
@@ -167,22 +167,24 @@ class StreamCamera(LiveSource):
                 continue
             at_s = clock.capture_time(picture.presented_s, picture.arrival_s, picture.waited) - self._latency_s
             if clock.is_set:
-                yield self._capture(picture.image, at_s)
+                yield self._capture(picture, at_s)
 
     def _next_name(self) -> str:
         self._number += 1
         return frame_name(self._number)
 
-    def _capture(self, picture: Any, at_s: float) -> Captured | BadFrame:
+    def _capture(self, picture: Picture, at_s: float) -> Captured | BadFrame:
         file, time_s = self._next_name(), self._wall.at(at_s)
         try:
-            image = picture.to_ndarray(format="rgb24")
+            image = read_upright(picture.image, picture.pixel_aspect)
+            size = image.shape[1], image.shape[0]
             if self._mounted is None and self._pinhole is not None:
-                self._mounted = self._pinhole(image.shape[1], image.shape[0])
+                self._mounted = self._pinhole(*size)
                 self._log(note_camera(self.name, self._mounted.camera, STATED))
             if self._mounted is None:
                 return Captured(Frame(file, time_s, image), at_s)
-            mounted = self._fit(self._mounted, image.shape[1], image.shape[0])
+            mounted = self._mounted.for_square_pixels(size, upright_size(picture.image, 1.0))
+            mounted = self._fit(mounted, *size)
             return Captured(mounted.frame(file, time_s, image), at_s)
         except ValueError as error:
             return BadFrame(file, str(error))

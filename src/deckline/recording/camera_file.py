@@ -52,12 +52,22 @@ class MountedCamera:
         camera = self.camera
         if (camera.width, camera.height) == (width, height):
             return self
-        if abs(camera.height * width / camera.width - height) >= 1.0:
+        if not _same_shape(camera, width, height):
             raise ValueError(
                 f"the intrinsics are for {camera.width}x{camera.height} px but the image is {width}x{height} px, which "
                 f"has another shape; give a camera file made for this size"
             )
         return replace(self, camera=camera.resized(width, height))
+
+    def for_square_pixels(self, size: tuple[int, int], stored_size: tuple[int, int]) -> "MountedCamera":
+        """The same for pictures whose pixels are made square, where the intrinsics are for pixels as stored.
+
+        Args:
+            size, stored_size: width and height with square pixels, and as stored, px.
+        """
+        if size == stored_size or _same_shape(self.camera, *size) or not _same_shape(self.camera, *stored_size):
+            return self
+        return replace(self, camera=self.camera.resized(*size))
 
     def frame(self, file: str, time_s: float, image_rgb: NDArray[np.uint8], **values: Any) -> Frame:
         """A frame of this camera, other fields in `values`; intrinsics for another image size are a ValueError."""
@@ -68,6 +78,11 @@ class MountedCamera:
                 f"give a camera file made for this size"
             )
         return Frame(file=file, time_s=time_s, image_rgb=image_rgb, **{**vars(self), **values})
+
+
+def _same_shape(camera: Camera, width: int, height: int) -> bool:
+    """Whether a picture's shape is that of a camera's, to a pixel."""
+    return abs(camera.height * width / camera.width - height) < 1.0
 
 
 def make_pinhole(width: int, height: int, fov_deg: float) -> MountedCamera:

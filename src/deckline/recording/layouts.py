@@ -125,7 +125,7 @@ def _open_images(
         raise RecordingError(f"{path}: zero frames: {places}{hint}")
     packets = None if path.is_dir() or path.suffix.lower() in IMAGE_SUFFIXES else scan_video(path)
     picture, size = find_first_image(path) if packets is None else (None, packets.size)
-    mounted, notes = _find_camera(path, picture, size, options)
+    mounted, notes = _find_camera(path, picture, size, options, None if packets is None else packets.stored_size)
     poses_file = None if (found := poses_file or _find(path, POSES_FILE)) is None else Path(found)
     if packets is not None:
         track = None if poses_file is None else _read_track(poses_file, navigation, packets.times_s)
@@ -137,7 +137,11 @@ def _open_images(
 
 
 def _find_camera(
-    path: Path, picture: Path | None, size: tuple[int, int] | None, options: ReadOptions
+    path: Path,
+    picture: Path | None,
+    size: tuple[int, int] | None,
+    options: ReadOptions,
+    stored_size: tuple[int, int] | None = None,
 ) -> tuple[MountedCamera | None, tuple[str, ...]]:
     """The camera of pictures: given, beside them, or a pinhole of the stated field of view; and notes on it.
 
@@ -145,6 +149,7 @@ def _find_camera(
         picture: its first one that can be read; None: none, or a video.
         size: width and height of its first picture, px; None: none can be read.
         options: the caller's.
+        stored_size: the same with pixels that may not be square, for which intrinsics may be, px.
 
     Raises:
         RecordingError: a camera file of another shape, or one that contradicts the stated field of view.
@@ -153,6 +158,7 @@ def _find_camera(
     if mounted is None and (camera_file := _find(path, *CAMERA_FILES)) is not None:
         mounted, origin = read_camera_file(camera_file), f"of {camera_file.name}"
     if mounted is not None:
+        mounted = mounted if size is None or stored_size is None else mounted.for_square_pixels(size, stored_size)
         check_fov(mounted.camera, options.fov_deg, str(path))
         notes = (note_camera(str(path), mounted.camera, origin), *_note_scaling(path, mounted, size))
     elif options.fov_deg is not None and size is not None:

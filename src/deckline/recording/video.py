@@ -14,11 +14,19 @@ import av
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.files import MOST_PIXELS, check_regular, check_size
+from deckline.files import MOST_PIXELS, check_regular
 from deckline.recording.camera_file import MountedCamera
 from deckline.recording.pose_track import PoseTrack
 from deckline.recording.poses import drop_unknown_place
 from deckline.recording.source import BadFrame, FrameError, Recording, RecordingError, check_index
+from deckline.recording.upright import (
+    UPRIGHT,
+    read_pixel_aspect,
+    read_turn,
+    read_upright,
+    square_size,
+    upright_size,
+)
 from deckline.types import Frame
 
 COUNTED = "avi"  # this container stores no presentation times, only a rate: its pictures are counted
@@ -40,7 +48,13 @@ class VideoPackets:
     by_count: bool
     """Whether the container stores only a rate, so that pictures are counted."""
     size: tuple[int, int]
-    """Width, height of the pictures, px."""
+    """Width, height of the pictures as they are shown, upright and with square pixels, px."""
+    stored_size: tuple[int, int]
+    """The same upright, with pixels as they are stored, px."""
+    pixel_aspect: float
+    """Width over height of a stored pixel."""
+    is_turned: bool
+    """Whether metadata turn or mirror the pictures."""
 
 
 class Video(Recording):
@@ -63,6 +77,7 @@ class Video(Recording):
             self.notes += (
                 f"{packets.path}: {COUNTED} stores no times: where a picture is lost, later ones get earlier poses",
             )
+        self.notes += self._note_shape()
 
     def __len__(self) -> int:
         return len(self.packets.times_s)
@@ -111,15 +126,27 @@ class Video(Recording):
             raise FrameError(file, picture)
         if self._poses is not None:
             time_s, world_from_body = time_s + self._poses.offset_s, self._poses.at(time_s)
-        image = picture.to_ndarray(format="rgb24")
-        if self._mounted is None:
-            return Frame(file, time_s, image)
         try:
+            image = read_upright(picture, self.packets.pixel_aspect)
+            if self._mounted is None:
+                return Frame(file, time_s, image)
             mounted = self._mounted.fit(image.shape[1], image.shape[0])
             frame = mounted.frame(file, time_s, image, world_from_body=world_from_body)
             return drop_unknown_place(frame, self._poses)
         except ValueError as error:
             raise FrameError(file, str(error)) from None
+
+    def _note_shape(self) -> tuple[str, ...]:
+        """A note where pictures are shown otherwise than they are stored."""
+        (width, height), (stored_width, stored_height) = self.packets.size, self.packets.stored_size
+        notes = []
+        if self.packets.is_turned:
+            notes.append(f"{self.name}: metadata turn the pictures: a camera file belongs to the upright picture")
+        if self.packets.size != self.packets.stored_size:
+            notes.append(
+                f"{self.name}: pixels are not square: {stored_width}x{stored_height} px become {width}x{height} px"
+            )
+        return tuple(notes)
 
 
 def scan_video(path: Path) -> VideoPackets:
@@ -129,9 +156,10 @@ def scan_video(path: Path) -> VideoPackets:
             _seconds(packet) for packet in _read_packets(container) if packet and packet.size and not packet.is_discard
         ]
         by_count, codec = container.format.name == COUNTED, container.streams.video[0].codec_context
-        size = codec.width, codec.height
+        pixel_aspect, coded_size = read_pixel_aspect(container.streams.video[0]), (codec.width, codec.height)
     try:
-        check_size(*size)
+        square_size(*coded_size, pixel_aspect)  # before a picture is decoded
+        shape = _read_shape(path, coded_size, pixel_aspect)
     except ValueError as error:
         raise RecordingError(f"{path}: {error}") from None
     if not times:
@@ -141,7 +169,23 @@ def scan_video(path: Path) -> VideoPackets:
             f"{path}: the video holds no presentation times; write it anew with its frame rate: "
             f"ffmpeg -framerate 30 -i {path.name} {path.stem}.mp4"
         )
-    return VideoPackets(path, np.sort([time for time in times if not np.isnan(time)]), by_count, size)
+    in_order_s = np.sort([time for time in times if not np.isnan(time)])
+    size, stored_size, turned = shape
+    return VideoPackets(path, in_order_s, by_count, size, stored_size, pixel_aspect, turned)
+
+
+def _read_shape(
+    path: Path, coded_size: tuple[int, int], pixel_aspect: float
+) -> tuple[tuple[int, int], tuple[int, int], bool]:
+    """Size with square pixels, size as stored, both upright, px, and whether it is turned: of the first whole picture.
+
+    Raises:
+        ValueError: as `read_upright`.
+    """
+    first = next((picture for picture in _decode(path) if not isinstance(picture, str)), None)
+    if first is None:
+        return square_size(*coded_size, pixel_aspect), coded_size, False
+    return upright_size(first, pixel_aspect), upright_size(first, 1.0), read_turn(first) != UPRIGHT
 
 
 def _seconds(timed: Any) -> float:
