@@ -62,9 +62,10 @@ def read_turn(picture: Any) -> Turn:
         ValueError: by no quarter turns.
     """
     matrix = picture.side_data.get(Type.DISPLAYMATRIX)
-    if matrix is None:
+    # u' = a u + c v, v' = b u + d v; a matrix of zeros turns nothing
+    a, b, _, c, d = np.zeros(5) if matrix is None else np.frombuffer(bytes(matrix), np.int32)[:5] / ONE
+    if not np.any([a, b, c, d]):
         return UPRIGHT
-    a, b, _, c, d = np.frombuffer(bytes(matrix), np.int32)[:5] / ONE  # u' = a u + c v, v' = b u + d v
     if np.abs([b, c]).max() < TILT * np.abs([a, d]).min():
         return False, bool(d < 0), bool(a < 0)
     if np.abs([a, d]).max() < TILT * np.abs([b, c]).min():

@@ -1,6 +1,7 @@
 """COCO keypoint files: one "runway" an image, its keypoints named left_1, left_2, ..., right_1, ... along each line."""
 
 import json
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -92,11 +93,20 @@ def read_coco(path: Path) -> LabelSet:
             if image in found:
                 raise ValueError(f"{where}: a second runway in image {image}; remove one")
             found[image] = _parse_lines(entry.get("keypoints"), names[category], where)
-    entries = iterate_objects(values["images"], f"{file}: images")
-    images = [_parse_image(entry, found, where) for where, entry in entries]
-    if not images:
+    entries = list(iterate_objects(values["images"], f"{file}: images"))
+    if not entries:
         raise ValueError(f"{file}: it names no images")
-    return file.parent, images
+    _check_ids([_get_id(entry, "id", where) for where, entry in entries], found, str(file))
+    return file.parent, [_parse_image(entry, found, where) for where, entry in entries]
+
+
+def _check_ids(ids: list[int | str], found: dict[int | str, Labels], where: str) -> None:
+    """Raise ValueError for an id of several images, and for lines of no image, which would be one without a runway."""
+    (most_frequent, count), *_ = Counter(ids).most_common(1)
+    if count > 1:
+        raise ValueError(f"{where}: images: {count} have the id {most_frequent!r}; give each an id of its own")
+    if lost := found.keys() - set(ids):
+        raise ValueError(f"{where}: annotations: a runway of image_id {next(iter(lost))!r}, which no image has as id")
 
 
 def _find_file(path: Path) -> Path:

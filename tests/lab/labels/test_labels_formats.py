@@ -140,6 +140,8 @@ BAD = {
         (COCO_VALUES | {"categories": [{"id": 1, "keypoints": "nose"}]}, ["categories[0]: keypoints"]),
         (COCO_VALUES | {"annotations": [3]}, ["annotations[0]"]),
         (COCO_VALUES | {"annotations": [UNSEEN] * 2}, ["annotations[1]:", "image 7"]),
+        (COCO_VALUES | {"annotations": [UNSEEN | {"image_id": "7"}]}, ["annotations:", "image_id '7'"]),
+        (COCO_VALUES | {"images": [{"id": 7, "file_name": "a.png"}] * 2}, ["images: 2", "id 7"]),
         (COCO_VALUES | {"annotations": [UNSEEN | {"keypoints": [1]}]}, ["annotations[0]: keypoints", "3"]),
         (COCO_VALUES | {"annotations": [UNSEEN | {"keypoints": [1, 2, 2, 3, 4, 2, 5, 6, 2, 0, 0, 0]}]},
          ["annotations[0]: right", "[u, v]"]),
