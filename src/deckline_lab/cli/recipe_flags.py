@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal, TypeVar, get_args
 import tyro
 
 from deckline.config_file import read_config
+from deckline.files import is_there
 from deckline.runtime import shipped_models, shipped_weights
 from deckline_lab import train
 from deckline_lab.rivals import LAB_WEIGHTS
@@ -50,8 +51,15 @@ def make_flags(recipe: type[Recipe], flags: dict[str, tuple[Any, str]]) -> Any:
 
 
 def make_recipe(cls: type[R], source: Path | None, flags: Any) -> R:
-    """The recipe of a file or a shipped one's name, or the defaults, overridden by the flags."""
-    base = cls() if source is None else read_config(cls, shipped_recipes().get(str(source), source))
+    """The recipe of a file or a shipped one's name, or the defaults, overridden by the flags.
+
+    Raises:
+        ValueError: neither a file nor a shipped recipe, or one with wrong values.
+    """
+    shipped = shipped_recipes()
+    if source is not None and str(source) not in shipped and not is_there(source):
+        raise ValueError(f"no recipe {source}: give a file, or one of {', '.join(shipped)}")
+    base = cls() if source is None else read_config(cls, shipped.get(str(source), source))
     given = {name: value for name, value in vars(flags).items() if value is not None}
     return replace(base, **{name: value for name, value in given.items() if value or name not in SWITCHES})
 

@@ -66,6 +66,7 @@ class Recipe:
 
     def __post_init__(self) -> None:
         check_numbers(self, "", *self.COUNTS, least=1)
+        check_numbers(self, "", "lr", above=0)
         check_numbers(self, "", "clip_norm", least=0)
         check_numbers(self, "", "warm_up", "ema_decay", "held_out", least=0, below=1)
         for name in ("minutes", "checkpoint_minutes"):

@@ -73,3 +73,8 @@ def test_first_weights_have_the_names_of_shipped_models():
 def test_a_missing_module_of_our_own_stays_what_it_is():
     with pytest.raises(ModuleNotFoundError, match=r"deckline\.nothing"), needs_extra("train"):
         import deckline.nothing  # noqa: F401
+
+
+def test_a_recipe_that_is_not_there_names_those_that_are() -> None:
+    with pytest.raises(ValueError, match=r"no recipe publishd: .*published"):
+        make_recipe(DehazeTrainConfig, Path("publishd"), DehazeFlags())

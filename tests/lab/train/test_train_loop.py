@@ -91,7 +91,7 @@ def test_budget_is_what_ends_first() -> None:
     ("name", "value"),
     [
         *(("batch", 0), ("steps", -1), ("minutes", 0.0), ("checkpoint_minutes", -3)),
-        *(("clip_norm", -1.0), ("ema_decay", 1.0), ("warm_up", 1.5), ("held_out", -0.1)),
+        *(("lr", -1.0), ("lr", 0.0), ("clip_norm", -1.0), ("ema_decay", 1.0), ("warm_up", 1.5), ("held_out", -0.1)),
     ],
 )
 def test_recipes_that_cannot_work_are_refused(name: str, value: float) -> None:
