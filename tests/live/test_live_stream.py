@@ -3,22 +3,29 @@
 import json
 import socket
 import threading
+import time
 from contextlib import closing, contextmanager
 
+import av
+import numpy as np
 import pytest
 from loopback import MOUNTED, PoseSender, Sender, flight, free_port, wait_until
 
 from deckline.cli.sources import SourceOptions
 from deckline.config import Navigation
+from deckline.geometry import Camera, camera_mount
 from deckline.live import pipeline
 from deckline.live.clock import WallClock
+from deckline.live.decoding import Picture
 from deckline.live.folder import FlightRecorder
 from deckline.live.opening import hide_credentials, open_camera
 from deckline.live.pipeline import LiveSession, Outputs
 from deckline.live.poses import UdpPoses
-from deckline.live.source import Captured
+from deckline.live.source import Captured, StreamCamera
 from deckline.recording import RecordingError, open_recording
+from deckline.recording.camera_file import MountedCamera
 from deckline.report.records import frame_record
+from deckline.types import Frame
 
 LATE_S = 60.0  # answers of a busy machine are not late here
 
@@ -175,3 +182,15 @@ def test_credentials_are_no_part_of_a_name():
     assert hide_credentials("rtsp://me:pa@ss@10.0.0.2:554/cam?x=1") == "rtsp://10.0.0.2:554/cam?x=1"
     assert hide_credentials("rtsp://h/cam?user=me&Password=pa&x=1") == "rtsp://h/cam?user=...&Password=...&x=1"
     assert open_camera("rtsp://me:secret@10.0.0.2/cam", None, WallClock()).name == "rtsp://10.0.0.2/cam"
+
+
+def test_a_stream_of_wide_pixels_gives_square_ones_and_their_camera():
+    stored = av.VideoFrame.from_ndarray(np.zeros((48, 60, 3), np.uint8), format="rgb24")
+    stored.key_frame = True
+    pictures = lambda: iter([Picture(stored, "", 0.0, time.monotonic(), True, pixel_aspect=4 / 3)] * 2)  # noqa: E731
+    mounted = MountedCamera(Camera(60, 48, 30.0, 40.0, 29.5, 23.5), camera_mount())
+    source = StreamCamera("stream", pictures, mounted, WallClock(), 0.0, lambda _line: None)
+    frame = next(item for item in source.items() if isinstance(item, Frame))
+    source.stop()
+    assert frame.image_rgb.shape == (48, 80, 3)
+    assert (frame.camera.fx, frame.camera.fy, frame.camera.cx) == (40.0, 40.0, 39.5)
