@@ -82,8 +82,11 @@ def listen(path: Path) -> None:
     os.chdir(here)
 
 
-def check_refused(folder: Path, files: dict, command: str, monkeypatch, capsys) -> None:
-    """Run a command in a folder of these files: it ends in time with one line, or names the frames that it skips."""
+def check_refused(folder: Path, files: dict, command: str, monkeypatch, capsys) -> str:
+    """Run a command in a folder of these files: it ends in time with one line, or names the frames that it skips.
+
+    Returns what it says.
+    """
     lay(folder, files)
     monkeypatch.chdir(folder)
     with bounded():
@@ -96,6 +99,7 @@ def check_refused(folder: Path, files: dict, command: str, monkeypatch, capsys) 
         assert len(lines) == 1 and lines[0].startswith("deckline: error: ") and len(lines[0]) < 2100
     else:
         assert any(line.startswith("skipped ") for line in lines)
+    return "\n".join(lines)
 
 
 @contextmanager

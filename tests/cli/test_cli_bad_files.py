@@ -78,6 +78,9 @@ FILES = {
     "images/img_D_0_1_1.pfm": (DEPTH, DEEP_AIR, f"run . {RUN}"),
     "scene.json": (SCENE, {**AIR, "clear/a.png": PICTURE}, f"run . {RUN}"),
     "clear/a.png": (PICTURE, {**AIR, "scene.json": SCENE}, f"run . {RUN}"),
+    "a.mcap": (None, {}, f"run a.mcap {RUN}"),
+    "a.db3": (None, {}, f"run a.db3 {RUN}"),
+    "a.bag": (None, {}, f"run a.bag {RUN}"),
     "x.onnx": (None, A, "run . --out out --detector x.onnx --dehazer none"),
     "x.toml": ("seed = 1\n", A, f"run . --config x.toml {RUN}"),
     "out/.unfinished/run.json": (None, PARTLY, f"run . --resume {RUN}"),
@@ -90,7 +93,7 @@ FILES = {
     "data.yaml": ("kpt_names:\n  0: [left, left, right, right]\n", {**A, "a.txt": YOLO}, f"{IMPORT} yolo-pose"),
     "a.json": (json.dumps({"imagePath": "a.png", "shapes": SHAPES}), A, f"{IMPORT} labelme"),
     "figures/a.json": (None, {}, "eval report figures"),
-    "votes.csv": (None, {"key.json": "[]"}, "eval dehazing --votes ."),
+    "votes.csv": (None, {"key.json": "{}"}, "eval dehazing --votes ."),
     "settings.json": (None, {}, "sim --serve --settings settings.json"),
     "ship.toml": (None, {}, "sim --config ship.toml --out out"),
 }
@@ -115,6 +118,7 @@ CONTENTS = tuple(FAULTS)[tuple(FAULTS).index("nothing in it") :]
 HARMLESS = {(name, "nothing in it") for name in ("x.toml", "ship.toml", "runway.toml", "a.lines.txt", "a.txt")}
 HARMLESS |= {("out/.unfinished/run.json", "a link to nothing")}
 HARMLESS |= {("data.yaml", fault) for fault in CONTENTS}
+UNNAMED = {"a.png", "a.tif", "out/.unfinished/run.json", "list/train_gt.txt"}  # their folder is, or what they name
 KINDS = [(file, fault) for file in FILES for fault in FAULTS if (file, fault) not in HARMLESS]
 
 
@@ -138,4 +142,5 @@ def test_the_whole_file_is_taken(name, tmp_path, monkeypatch, capsys):
 @pytest.mark.parametrize(("name", "fault"), KINDS)
 def test_no_file_that_is_none_ends_in_a_traceback(name, fault, tmp_path, monkeypatch, capsys):
     data = write_valid(tmp_path, name)
-    check_refused(tmp_path, {name: FAULTS[fault](data)}, FILES[name][2], monkeypatch, capsys)
+    shown = check_refused(tmp_path, {name: FAULTS[fault](data)}, FILES[name][2], monkeypatch, capsys)
+    assert name in UNNAMED or name.rpartition("/")[2] in shown

@@ -83,7 +83,7 @@ AROUND = {  # what lies around a file; around others a picture
     "images/img_D_0_1_1.pfm": DEEP_AIR,
     "scene.json": AIR,
     "c.toml": AIR,
-    "votes.csv": {"key.json": "[]"},
+    "votes.csv": {"key.json": "{}"},
 }
 CONTENTS = {  # by file and command: each fault of the file's contents
     ("a.png", f"run . {RUN}"): {
@@ -123,7 +123,6 @@ CONTENTS = {  # by file and command: each fault of the file's contents
     ("camera.yaml", f"run . {RUN}"): {
         "tags": "!!python/object/apply:os.system ['false']",
         "references": BOMB + SIZED + "*i\n",
-        "deep": SIZED + DEEP,
         "400 digits": SIZED + f"[{HUGE}, 0, 1, 0, 1, 1, 0, 0, 1]",
         "dates": SIZED + "2020-01-01",
     },

@@ -293,15 +293,6 @@ def test_topics_in_doubt_are_one_line(topics, names, tmp_path, capsys):
     assert_same([chosen.load(3)])
 
 
-@pytest.mark.parametrize("name", ["a.mcap", "a.db3", "a.bag"])
-@pytest.mark.parametrize("data", [b"", b"no bag at all, but longer than a magic number" * 9])
-def test_what_is_no_bag_is_one_line(name, data, tmp_path):
-    (tmp_path / name).write_bytes(data)
-    with pytest.raises(RecordingError, match=name) as caught:
-        open_recording(tmp_path / name)
-    assert "\n" not in str(caught.value)
-
-
 def test_a_bag_without_pictures_lists_what_it_holds(tmp_path):
     path = write(tmp_path / "a", "bag", [("/pose", POSE, 1, {})])
     with pytest.raises(RecordingError, match=r"/pose \(geometry_msgs/PoseStamped\)"):

@@ -83,14 +83,6 @@ def test_a_log_without_satellites_has_its_local_frame(tmp_path):
 
 
 @pytest.mark.parametrize("name", WRITERS)
-@pytest.mark.parametrize("content", [b"", b"garbage, and more of it"])
-def test_garbage_is_named(tmp_path, name, content):
-    (tmp_path / name).write_bytes(content)
-    with pytest.raises(RecordingError, match=name):
-        read_log_track(tmp_path / name, OWN_CLOCK)
-
-
-@pytest.mark.parametrize("name", WRITERS)
 def test_a_log_cut_short_gives_its_beginning(tmp_path, name):
     path = WRITERS[name](tmp_path / name, ANGLES, PLACES)
     cut = path.read_bytes()[:-37] if name != "log.ulg" else path.read_bytes()[:-13]

@@ -139,9 +139,15 @@ class AirSimRecording(Recording):
         truth = None
         if "truth" in entry:
             clear = get_clear_image(entry["truth"])
-            truth = truth_from_mapping(entry["truth"], None if clear is None else read_image(self.folder / clear))
+            truth = truth_from_mapping(entry["truth"], None if clear is None else self._read_clear(clear))
         time_s = check_number(entry.get("time_s", time_s), "time_s")
         return mounted.frame(name, time_s, image, depth_m=depth, world_from_body=world_from_body, truth=truth)
+
+    def _read_clear(self, name: str) -> NDArray[np.uint8]:
+        try:
+            return read_image(self.folder / name)
+        except ValueError as error:
+            raise ValueError(f"its clear picture {name}: {error}") from None
 
     def _entry(self, name: str) -> dict[str, Any]:
         if self._scene.frames is None:

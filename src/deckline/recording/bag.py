@@ -26,6 +26,7 @@ METADATA = "metadata.yaml"  # of a ROS 2 bag's folder
 DEPTH_TOLERANCE_S = 0.02  # between a picture and its depth
 AHEAD = 32  # pictures that are passed over rather than sought
 MAGIC = b"\x89MCAP0\r\n"
+ROS1_MAGIC = b"#ROSBAG V"
 FOOTER = b"\x02" + (20).to_bytes(8, "little") + bytes(20) + MAGIC  # without a summary: the data are scanned
 DATA_END = 0x0F
 
@@ -173,12 +174,22 @@ def open_reader(path: Path) -> tuple[Any, list[str]]:
     if files == [path] and path.is_dir() and any(_intact_bytes(file) for file in path.glob("*.mcap")):
         files = sorted(path.glob("*.mcap"))
     with refuse(lambda reason: RecordingError(f"{path}: not a ROS bag, or damaged: {reason}")):
+        for file in path.iterdir() if path.is_dir() else files:
+            if file.suffix in SUFFIXES and not file.is_dir():
+                _check_file(file)
         repaired: list[Any] = [_TruncatedFile(file, end) if (end := _intact_bytes(file)) else file for file in files]
         reader: Any = AnyReader(repaired, default_typestore=get_typestore(Stores.ROS2_HUMBLE))
         reader.open()
     weakref.finalize(reader, reader.stack.close)
     truncated = (file for file in repaired if isinstance(file, _TruncatedFile))
     return reader, [f"{file.path}: cut short: its first {file.end:,} bytes are read" for file in truncated]
+
+
+def _check_file(path: Path) -> None:
+    """Raise OSError for no regular file, ValueError for a .bag without its magic: rosbags would wait, or read on."""
+    with open_regular(path) as file:
+        if path.suffix == ".bag" and file.read(len(ROS1_MAGIC)) != ROS1_MAGIC:
+            raise ValueError("it does not begin as a ROS 1 bag does")
 
 
 def _intact_bytes(path: Path) -> int:

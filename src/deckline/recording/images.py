@@ -146,7 +146,11 @@ def read_depth(
     Raises:
         ValueError: missing, cut short, no one-channel PFM, or of another size than the image; states which.
     """
-    stored = read_pfm(read_bytes(path, "depth map"), rows)
+    data = read_bytes(path, "depth map")
+    try:
+        stored = read_pfm(data, rows)
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from None
     check_depth_size(stored.shape, camera, name)
     return convert_to_axial_depth(stored, camera, depth_type, far_m)
 
