@@ -24,7 +24,7 @@ def truth(off: Off) -> np.ndarray:
 
 
 @cache
-def solved(drawn: Drawn, hold: tuple[str, ...] = ()):
+def solved(drawn: Drawn, *hold: str):
     return solve(draw_approach(drawn), CONFIG, hold)
 
 
@@ -41,7 +41,7 @@ TURNED = Off((4.0, -4.0, 3.0), -0.08, delay_s=0.25)
     ],
 )
 def test_each_wrong_value_is_recovered_within_its_uncertainty(off, hold, names):
-    calibration = solved(Drawn(off), hold)
+    calibration = solved(Drawn(off), *hold)
     for name in names:
         number = CAMERA_NAMES.index(name)
         assert calibration.outcomes[name] is ESTIMATED
@@ -153,8 +153,8 @@ def test_what_is_no_approach_is_refused(drawn, named):
 
 
 def test_written_files_are_read_back(tmp_path):
-    off = Off((2.0, -2.0, 2.0), 0.07, delay_s=0.15)
-    view, calibration = draw_approach(Drawn(off, 2)), solved(Drawn(off, 2))
+    off, drawn = TURNED, Drawn(TURNED)
+    view, calibration = draw_approach(drawn), solved(drawn)
     camera_file, config_file, json_file = write_calibration(tmp_path / "new", view, calibration, CONFIG, 5.0)
     mounted = read_camera_file(camera_file)
     assert mounted.camera.fx == pytest.approx(STATED.fx * np.exp(calibration.state[3]))

@@ -63,7 +63,7 @@ def test_size_is_the_published_one(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", list(DEHAZERS))
-@pytest.mark.parametrize("size", [(1, 1), (33, 50), (64, 97)])
+@pytest.mark.parametrize("size", [(1, 1), (33, 50)])
 def test_any_size_on_any_batch(name: str, size: tuple[int, int]) -> None:
     model = perturb(name)
     image = torch.rand(2, 3, *size)
