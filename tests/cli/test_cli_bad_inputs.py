@@ -186,6 +186,7 @@ COMMANDS = {  # what lies in the folder, and the command
     "empty folder": ({"sub/x": ""}, f"run sub {RUN}"),
     "simulator without a port": (A, f"run airsim://nowhere:x {RUN}"),
     "results in a folder of 5,000 letters": (A, f"run . --out {5000 * 'a'} {' '.join(FAST)}"),
+    "an unknown dehazer": (A, "run . --out out --detector ufld --dehazer magic"),
     "evaluate nothing": ({}, "eval recording ."),
     "evaluate pictures without truth": (A, f"eval recording . {' '.join(FAST)}"),
     "evaluate a recording without truth": (AIR, f"eval recording . {' '.join(FAST)}"),

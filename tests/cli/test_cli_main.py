@@ -39,23 +39,6 @@ def test_any_other_pipe_that_breaks_is_an_error(monkeypatch, capsys):
     assert "the simulator went away" in error_line(capsys)
 
 
-@pytest.fixture
-def images(tmp_path) -> str:
-    """A folder with one grey image and its camera."""
-    folder = tmp_path / "images"
-    folder.mkdir()
-    cv2.imwrite(str(folder / "a.png"), np.full((90, 160, 3), 90, np.uint8))
-    (folder / "camera.toml").write_text("width=160\nheight=90\nfx=100.0\nfy=100.0\ncx=79.5\ncy=44.5\n")
-    return str(folder)
-
-
-def test_a_model_that_cannot_be_used_is_one_line_with_its_name(images, tmp_path, capsys):
-    (tmp_path / "model.onnx").write_bytes(b"this is no network")
-    for option, name in (("--detector", str(tmp_path / "model.onnx")), ("--dehazer", "magic")):
-        assert main(["run", images, "--out", str(tmp_path / "out"), option, name]) == 2
-        assert name in error_line(capsys)
-
-
 def test_odd_pictures_without_a_camera_are_not_seen_or_named_in_one_line(tmp_path, capsys):
     folder, noise = tmp_path / "odd", np.random.default_rng(0).integers(0, 256, (90, 160, 3), np.uint8)
     folder.mkdir()
