@@ -28,7 +28,8 @@ from deckline.types import Detection, Diagnostic, Diagnostics, Frame, LinePoints
 SURE_VIEWS = 2  # of a picture at most where the track is sure
 VIEWS = 3  # of any other picture at most,
 VIEWS_PER_S = 100.0  # or of pictures that come slowly
-MIN_FAINT_PROBABILITY = 0.5  # of a pair in joined pictures, of each of two frames
+# Of a pair in joined pictures, in each of two frames; docs/experiments/2026-11-approaches-flown.md.
+MIN_FAINT_PROBABILITY = 0.5
 MIN_FAINT_SHARED_ROWS = 0.5  # of the rows of both lines together
 HELD_SHARE = 3  # of these one in so many is of the held picture
 QUICK_TILINGS = 1  # that are searched in every frame that shows nothing else
@@ -198,7 +199,8 @@ class SearchScheduler:
     ) -> CropView | None:
         """What so many views of a new search of this picture find, its small tiles left out.
 
-        Where they find no pair, the last view is of the joined pictures at the likeliest place.
+        A pair that is not sure must lie where an approach can see it. Where they find no pair, the last view is of the
+        joined pictures at the likeliest place.
         """
         search = self.detector.start_search(image_rgb)
         steps = search.steps(QUICK_TILINGS)
