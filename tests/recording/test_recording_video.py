@@ -1,13 +1,15 @@
 import re
 from fractions import Fraction
+from types import SimpleNamespace
 
 import av
 import numpy as np
 import pytest
+from av.sidedata.sidedata import Type
 
 from deckline.config import Navigation
 from deckline.recording import BadFrame, RecordingError, open_recording
-from deckline.recording.upright import square_size
+from deckline.recording.upright import ONE, read_upright, square_size
 from deckline.types import NO_CAMERA, NO_POSE
 
 WIDTH, HEIGHT, COUNT = 64, 48, 12
@@ -236,6 +238,19 @@ def test_pictures_are_turned_as_their_metadata_state(tmp_path, corners, quarters
     np.testing.assert_allclose(frame.image_rgb.astype(float), corners, atol=6)
     assert (frame.camera.width, frame.camera.height) == (WIDTH, HEIGHT)
     assert any("metadata turn the pictures" in note for note in source.notes)
+
+
+@pytest.mark.parametrize(("b", "c"), [(0, 0), (1, 1)])
+@pytest.mark.parametrize("signs", [(1, 1), (1, -1), (-1, 1), (-1, -1)])
+def test_pixels_go_where_the_matrix_puts_them(b, c, signs):
+    """All eight matrices, those that mirror included; u' = a u + c v, v' = b u + d v."""
+    a, b, c, d = (1 - b) * signs[0], b * signs[0], c * signs[1], (1 - c) * signs[1]
+    matrix = np.array([a * ONE, b * ONE, 0, c * ONE, d * ONE, 0, 0, 0, 1 << 30], np.int32).tobytes()
+    image = np.arange(18, dtype=np.uint8).reshape(2, 3, 3)
+    stored = SimpleNamespace(side_data={Type.DISPLAYMATRIX: matrix}, width=3, height=2, to_ndarray=lambda **_: image)
+    v, u = np.indices((2, 3))
+    across, down = a * u + c * v, b * u + d * v
+    np.testing.assert_array_equal(read_upright(stored, 1.0)[down - down.min(), across - across.min()], image)
 
 
 def test_other_than_quarter_turns_are_refused(tmp_path, corners):

@@ -39,7 +39,7 @@ TIME_TOLERANCE_S = 1e-6  # of equal presentation times
 
 @dataclass(frozen=True, eq=False)
 class VideoPackets:
-    """What a video's packets state, without decoding them."""
+    """Times of a video's packets, and the shape of its first picture that decodes."""
 
     path: Path
     """The file."""
@@ -177,7 +177,7 @@ def scan_video(path: Path) -> VideoPackets:
 def _read_shape(
     path: Path, coded_size: tuple[int, int], pixel_aspect: float
 ) -> tuple[tuple[int, int], tuple[int, int], bool]:
-    """Size with square pixels, size as stored, both upright, px, and whether it is turned: of the first whole picture.
+    """Size with square pixels, size as stored, both upright, px, and whether it is turned: of the first that decodes.
 
     Raises:
         ValueError: as `read_upright`.

@@ -4,7 +4,7 @@ import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from functools import cache
-from itertools import product
+from itertools import chain, product
 from pathlib import Path
 from typing import Any, Literal
 
@@ -160,7 +160,7 @@ def _least_differences(
     for measure in MEASURES.values():
         groups = _values(measure, first, second)
         shift = least_change(*map(len, groups), level, "shift")
-        yield None if shift is None else shift * float(np.std(groups[1], ddof=1))
+        yield None if shift is None else shift * float(np.std(groups[1], ddof=1)) or None
     yield least_change(*map(len, _values(MEASURES["along"], first, second)), level, "spread")
 
 
@@ -243,5 +243,6 @@ def _same_law(
 def _values(
     measure: Callable[[FlownLanding], float | None], *groups: Sequence[FlownLanding]
 ) -> tuple[list[float], ...]:
-    """The values of those landings of each group that have one."""
-    return tuple([value for value in map(measure, group) if value is not None] for group in groups)
+    """The values of those landings of each group that have one; none where all are the same: nobody saw the ramp."""
+    found = tuple([value for value in map(measure, group) if value is not None] for group in groups)
+    return found if len(set(chain(*found))) > 1 else tuple([] for _ in groups)

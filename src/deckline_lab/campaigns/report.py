@@ -152,7 +152,7 @@ def _cards(plan: CampaignPlan, landings: Sequence[FlownLanding]) -> Iterator[tup
     yield "Boarded or rightly waved off", f"{100 * good.value:.3g} %", PAIRED if plan.paired else interval
     for label, event in (("Ramp strikes", Outcome.RAMP_STRIKE), ("Misleading", MISLEADING)):
         if event not in whole.shares:
-            yield label, MISSING, f"{NOT_MEASURED} by this sight"
+            yield label, MISSING, f"{NOT_MEASURED} in every cell"
             continue
         share = whole.shares[event]
         bound = PAIRED if plan.paired else f"at most {100 * share.at_most:.3g} %"

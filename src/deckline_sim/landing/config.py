@@ -14,6 +14,8 @@ NavigationGrade = Literal["exact", "good", "tactical"]
 GuidanceSource = Literal["both", "navigation", "picture"]
 SightKind = Literal["rendered", "points", "guidance", "exact"]
 LONGEST_LATENCY_S = 1.0
+# Settings that sights without points or pictures do not know.
+UNSEEN = ("time_of_day", "camera.fov_deg", "camera.width", "camera.height", "tracking")
 MODELLED_SEA_STATE = 4.0  # roughest of the flights that modelled guidance is fitted to: scripts/fit_sights.py
 
 
@@ -102,8 +104,8 @@ class LandingConfig:
             raise ValueError(f"sight {self.sight!r} is of the shipped models: fly others with sight 'rendered'")
         if self.sight == "guidance":
             self._check_modelled()
-        if self.sight == "exact" and self.tracking != Tracking():
-            raise ValueError("sight 'exact' tracks nothing: fly another tracking with sight 'points' or 'rendered'")
+        if self.sight == "exact":
+            self._check_usual(*UNSEEN)
         check_numbers(self, "", "sea_state", least=0.0, most=6.0)
         check_numbers(self, "", "deck_period_factor", least=0.25, most=4.0)
         check_numbers(self, "", "ship_speed_m_s", least=0.0, most=20.0)
@@ -114,13 +116,18 @@ class LandingConfig:
 
     def _check_modelled(self) -> None:
         """Refuse what modelled guidance does not know: its tables are of flights with the usual values of these."""
-        usual = {name: getattr(LandingConfig, name) for name in ("ship", "time_of_day", "deck_period_factor")}
-        usual |= {f"camera.{name}": getattr(LandingCamera, name) for name in ("fov_deg", "width", "height")}
-        for name, value in (usual | {"tracking": Tracking()}).items():
-            given = attrgetter(name)(self)
-            if given != value:
-                wanted = "the usual tracking" if name == "tracking" else f"{name} {value}, got {given}"
-                raise ValueError(f"sight 'guidance' is of {wanted}: fly others with sight 'points' or 'rendered'")
+        self._check_usual("ship", "deck_period_factor", *UNSEEN)
         if self.sea_state > MODELLED_SEA_STATE:
             most = f"sea_state {MODELLED_SEA_STATE:g}, got {self.sea_state:g}"
             raise ValueError(f"sight 'guidance' is fitted up to {most}: fly others with sight 'points' or 'rendered'")
+
+    def _check_usual(self, *names: str) -> None:
+        """Refuse other values than the usual ones of settings that the sight does not know."""
+        for name in names:
+            usual, given = attrgetter(name)(USUAL), attrgetter(name)(self)
+            if given != usual:
+                wanted = "the usual tracking" if name == "tracking" else f"{name} {usual}, got {given}"
+                raise ValueError(f"sight {self.sight!r} is of {wanted}: fly others with sight 'points' or 'rendered'")
+
+
+USUAL = LandingConfig()

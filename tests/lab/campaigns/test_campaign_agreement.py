@@ -1,6 +1,7 @@
 """Two campaigns held against each other."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -55,6 +56,13 @@ def test_landings_of_one_law_agree_and_moved_touchdowns_do_not():
     assert {row[-1] for row in rows(flown(1, 5.0), flown(2, 5.0)).values()} == {"none found"}
     clear, hazy = (rows(flown(1, 5.0), flown(2, 10.0))[f"visibility_m {v}, sea_state 2"] for v in ("inf", "500"))
     assert (clear[-1], hazy[-1]) == ("found", "none found")
+
+
+def test_landings_that_nobody_saw_are_no_test_and_one_side_alone_differs():
+    seen = flown(1, 5.0)
+    unseen = [replace(landing, first_ok_m=None) for landing in seen]
+    assert all(row[-2] != "1.000" and row[-1] == "none found" for row in rows(unseen, unseen).values())
+    assert all(row[-1] == "found" for row in rows(seen, unseen).values())
 
 
 def test_bolters_do_not_agree_with_wires():

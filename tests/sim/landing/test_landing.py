@@ -162,7 +162,7 @@ def test_the_window_narrows_towards_the_deck(lateral, height, to_go, inside):
         ({"start_m": 100.0}, "100.0"),
         ({"models": Models(detector="ufld")}, "rendered"),
         ({"sight": "guidance", "tracking": Tracking(enabled=False)}, "usual tracking.*rendered"),
-        ({"sight": "exact", "tracking": Tracking(enabled=False)}, "tracks nothing.*rendered"),
+        ({"sight": "exact", "tracking": Tracking(enabled=False)}, "usual tracking.*rendered"),
         ({"sight": "guidance", "ship": "paper"}, "ship cvn, got paper.*points"),
         ({"sight": "guidance", "time_of_day": "dusk"}, "time_of_day day, got dusk"),
         ({"sight": "guidance", "deck_period_factor": 0.5}, "deck_period_factor 1.0, got 0.5"),

@@ -14,7 +14,7 @@ from deckline_sim.flight.viewpoints import deck_rise, runway_point, steady_pose
 from deckline_sim.landing.config import LandingConfig
 from deckline_sim.landing.detection_model import DEPTHS, RANGE_M, DetectionModel, read_detection_model
 from deckline_sim.landing.deviations import deviations
-from deckline_sim.landing.guidance_model import GuidanceModel, read_guidance_model
+from deckline_sim.landing.guidance_model import QUANTITIES, GuidanceModel, read_guidance_model
 from deckline_sim.landing.guidance_sight import GuidanceSight
 from deckline_sim.landing.navigation_sight import NavigationSight
 from deckline_sim.landing.point_sight import PointSight
@@ -183,7 +183,7 @@ def test_guidance_repeats_with_its_seed_and_is_not_seen_far_off() -> None:
 def test_guidance_errors_have_the_spread_of_their_table() -> None:
     model = exact_guidance()
     errors = np.zeros_like(model.errors) + 0.5 * np.array([-2.576, -1.645, -0.674, 0.0, 0.674, 1.645, 2.576])
-    model = replace(model, errors=errors, mixing=np.eye(8), correlation_s=np.full(8, 0.01))
+    model = replace(model, errors=errors, mixing=np.eye(len(QUANTITIES)), correlation_s=np.full(len(QUANTITIES), 0.01))
     sight = GuidanceSight(EXACT, 5, model)
     moments = [replace(moment_at(sight.surroundings, 0.0), time_s=0.1 * k) for k in range(400)]
     found = [sight.see(moment) for moment in moments]
