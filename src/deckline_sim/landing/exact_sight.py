@@ -6,7 +6,7 @@ from deckline_sim.landing.deviations import Deviations, deviations, stated_guida
 from deckline_sim.landing.sight import Moment
 from deckline_sim.landing.surroundings import surroundings
 
-SIGMA = Deviations(*[0.01] * 8)
+SIGMA = Deviations(*[0.01] * 8)  # nominal, each in its unit: records need one though the errors are 0
 LEVEL_M = 0.1  # of its protection
 
 
