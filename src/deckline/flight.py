@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from deckline.config import Engine, RunConfig
 from deckline.dehaze import DEHAZERS, Dehazer, DehazeResult, OnnxDehazer, dehaze_for_display, dehaze_frame
 from deckline.detect import DETECTORS, Detector, OnnxDetector, SearchingDetector, SearchScheduler
-from deckline.detect.joined import FrameStack, view_joined
+from deckline.detect.joined import FrameStack, view_joined, view_place_joined
 from deckline.detect.prior import ImagePrior, prior_from_survey, project_prior
 from deckline.guide import guidance
 from deckline.localize import Localizer, localize
@@ -212,18 +212,21 @@ class Flight:
         if self._scheduler is not None:
             self._stack.add(frame, picture)
         is_sure, joined = True, None  # the frames before confirm the box
+        velocity = ship_velocity(prediction, self.config)
         for known in (prior, tracked, self._survey):
             box = None if known is None else project_prior(frame, known)
             if known is not None and box is not None:
                 is_sure = known is tracked and self.tracker is not None and not self.tracker.is_flagged
-                velocity = ship_velocity(prediction, self.config)
                 joined = partial(view_joined, stack=self._stack, runway=known, velocity_m_s=velocity)
                 break
         else:
             box = None if self.tracker is None else self._image_prior.predict(frame)
         if self._scheduler is None:
             return self.detector(picture, box)
-        return self._scheduler.detect(frame.time_s, picture, box, is_sure, joined)
+        at_place = None  # without a plane no picture can be joined with another one
+        if frame.world_from_camera is not None and frame.deck_z_m is not None:
+            at_place = partial(view_place_joined, stack=self._stack, frame=frame, velocity_m_s=velocity)
+        return self._scheduler.detect(frame.time_s, picture, box, is_sure, joined, at_place)
 
     def _monitor(
         self, prediction: Prediction | None, estimate: RunwayEstimate, detection: Detection | None

@@ -10,7 +10,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.detect import OnnxDetector
 from deckline.detect.anchors import NetworkOutput
-from deckline.detect.prior import ImagePrior, RunwaySurvey, prior_from_survey, project_prior
+from deckline.detect.prior import ImagePrior, RunwaySurvey, prior_from_box, prior_from_survey, project_prior
 from deckline.detect.search import detect_lines
 from deckline.geometry import Camera, attitude
 from deckline.runtime import shipped_weights
@@ -97,6 +97,18 @@ def test_a_runway_that_passes_below_the_camera_is_cut_and_fills_the_image_downwa
     u0, v0, u1, v1 = project_prior(frame_at((100.0, 0.0, -30.0)), prior_from_survey(EXACT))
     assert (u0, u1, v1) == (0.0, 1279.0, 719.0)
     assert 200 < v0 < 500
+
+
+def test_a_box_lies_on_the_deck_under_its_middle():
+    level = RigidTransform.from_components([10.0, 5.0, -60.0], attitude(0.0, 0.0, 0.0))
+    frame = Frame("", 0.0, np.zeros((720, 1280, 3), np.uint8), CAMERA, world_from_body=level, deck_z_m=-12.0)
+    u, v = CAMERA.cx + 64.0, CAMERA.cy + 128.0  # 48 m down, at 640 px: 240 m ahead, 24 m to the right
+    place = prior_from_box(frame, (u - 9.0, v - 5.0, u + 9.0, v + 5.0))
+    np.testing.assert_allclose(place.left_m, np.tile([250.0, 29.0, -12.0], (2, 1)), atol=1e-6)
+    np.testing.assert_array_equal(place.left_m, place.right_m)
+    assert prior_from_box(frame, (u, 0.0, u + 1.0, 9.0)) is None  # above the horizon
+    for unknown in ({"deck_z_m": None}, {"world_from_body": None}):
+        assert prior_from_box(replace(frame, **unknown), (u, v, u + 1.0, v + 1.0)) is None
 
 
 def test_a_lens_moves_the_box_and_cannot_bend_what_is_outside_into_the_image():

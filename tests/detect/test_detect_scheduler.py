@@ -1,5 +1,7 @@
 """A bounded number of views a picture, and the search of whole pictures spread over frames."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from test_detect_coarse_to_fine import Oracle, ShortSighted, check_lines, draw
@@ -10,6 +12,8 @@ from deckline.detect.search import Search, detect_lines
 
 HERE = ((600.0, 500.0, 630.0, 400.0), (700.0, 500.0, 670.0, 400.0))
 THERE = ((200.0, 500.0, 230.0, 400.0), (300.0, 500.0, 270.0, 400.0))
+BESIDE = ((500.0, 500.0, 300.0, 400.0), (600.0, 500.0, 380.0, 400.0))  # the camera is 2.1 heights beside it
+BESIDE_BOX = (290.0, 390.0, 610.0, 510.0)
 BOX = (590.0, 390.0, 710.0, 510.0)
 SMALL = ((900.0, 500.0, 920.0, 460.0), (970.0, 500.0, 950.0, 460.0))
 
@@ -118,6 +122,72 @@ def test_a_small_runway_is_found_over_frames_while_the_picture_turns():
     assert seen[0] <= 45  # some 35 views at one a frame
     for number in seen:
         check_lines(found[number], *truth[number])
+
+
+class DoubtfulDetector(OracleDetector):
+    """Its views of a runway of so many px and more are less than sure."""
+
+    def __init__(self, width_px):
+        super().__init__()
+        self.width_px = width_px
+
+    def infer(self, view):
+        output = self.oracle(view)
+        lit = np.flatnonzero((view[:2] - view[2]).max(axis=(0, 1)) > 0)
+        if len(lit) == 0 or np.ptp(lit) < self.width_px:
+            return output
+        region = output.region.copy()
+        region[-1] = np.logaddexp.reduce(region[:-1]) + np.log(0.3 / 0.7)
+        return output._replace(region=region)
+
+    def start_search(self, image_rgb):
+        return Search(image_rgb, self.infer, DetectConfig())
+
+
+def join_views(pairs, infer):
+    """A stand-in for joined pictures: one view each call, of a picture with these lines; None: of nothing."""
+    rest = iter(pairs)
+
+    def view_place_joined(search, box):
+        pair = next(rest, None)
+        if pair is None:
+            return None
+        sharp = Search(draw((1280, 720), *pair), infer, DetectConfig())
+        return replace(sharp.view_prior(BESIDE_BOX if pair is BESIDE else BOX, 1), frames=8)
+
+    return view_place_joined
+
+
+@pytest.mark.parametrize(
+    ("pairs", "infer", "first"),
+    [
+        ([HERE] * 9, Oracle(), 2),
+        ([HERE] * 9, DoubtfulDetector(100).infer, None),
+        ([HERE, None] * 4, Oracle(), None),
+        ([BESIDE] * 9, Oracle(), None),
+        ([HERE, THERE] * 4, Oracle(), None),
+    ],
+)
+def test_a_faint_pair_of_joined_pictures_counts_where_two_in_a_row_surely_show_it_ahead(pairs, infer, first):
+    scheduler, blank, joined = (
+        SearchScheduler(OracleDetector(), 1.0),
+        np.zeros((720, 1280, 3), np.uint8),
+        join_views(pairs, infer),
+    )
+    found = [scheduler.detect(0.1 * k, blank, None, False, None, joined) for k in range(5)]
+    seen = [k for k, detection in enumerate(found) if len(detection.left)]
+    assert seen[:1] == ([] if first is None else [first])
+    if seen:
+        assert found[first].frames == 8
+        check_lines(found[first], *HERE)
+
+
+@pytest.mark.parametrize(("pair", "count"), [(HERE, 1), (BESIDE, 0)])
+def test_an_unsure_pair_counts_where_an_approach_can_see_it(pair, count):
+    scheduler, blank = SearchScheduler(DoubtfulDetector(180), 1.0), np.zeros((720, 1280, 3), np.uint8)
+    scheduler.detect(0.0, blank, None, False)
+    found = scheduler.detect(0.1, draw((1280, 720), *pair), None, False)
+    assert (len(found.left) > 0) == count
 
 
 class DeludedDetector(OracleDetector):

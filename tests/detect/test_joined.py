@@ -12,7 +12,7 @@ from deckline.dehaze.base import IdentityDehazer
 from deckline.detect.anchors import NetworkOutput
 from deckline.detect.coarse_to_fine import DetectConfig
 from deckline.detect.crop import CONTRAST_FLOOR, Crop, normalise, sample_crop
-from deckline.detect.joined import MAX_AGE_S, FrameStack, KeptPicture, plane_homography, view_joined
+from deckline.detect.joined import MAX_AGE_S, FrameStack, KeptPicture, plane_homography, view_joined, view_place_joined
 from deckline.detect.registration import CELL_PX, measure_shift
 from deckline.detect.scheduler import SearchingDetector, SearchScheduler
 from deckline.detect.search import Search
@@ -249,6 +249,11 @@ def test_a_joined_view_costs_one_inference_and_states_its_frames():
     assert view.lines.frames == 4
     u, v = view.lines.left.points_px.T
     assert np.median(np.abs(u - 600 - (500 - v) * 0.3)) < 0.2
+    place = view_place_joined(search, BOX, stack, replace(frame, deck_z_m=0.0), STILL)
+    assert (len(oracle.views), place.lines.frames) == (before + 2, 4)
+    u, v = place.lines.left.points_px.T
+    assert np.median(np.abs(u - 600 - (500 - v) * 0.3)) < 0.2
+    assert view_place_joined(search, BOX, stack, frame, STILL) is None  # the deck's height is not known
 
 
 class NoiseShyDetector(SearchingDetector):

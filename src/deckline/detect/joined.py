@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
-from deckline.detect.crop import CONTRAST_FLOOR, Box, Crop, normalise, sample_crop
+from deckline.detect.crop import CONTRAST_FLOOR, Box, Crop, crop_around, normalise, sample_crop
+from deckline.detect.prior import prior_from_box
 from deckline.detect.registration import measure_shift
 from deckline.detect.search import CropView, Search
 from deckline.geometry import Camera, rotation_matrix
@@ -137,12 +138,36 @@ def view_joined(
     Returns:
         None where nothing was joined, or both lines are not seen about the box's middle.
     """
-    joined = stack.join(search.crops[-1], search.config.grid.size, runway, velocity_m_s)
+    view = _view_stack(search, search.crops[-1], stack, runway, velocity_m_s)
+    return view if view is not None and search.shows_pair(view, box) else None
+
+
+def view_place_joined(
+    search: Search, box: Box, stack: FrameStack, frame: Frame, velocity_m_s: Float64
+) -> CropView | None:
+    """One view of the joined pictures about a box in which a search saw a runway; nothing else says where it is.
+
+    Args:
+        search: of the newest picture, which is the frame's.
+        velocity_m_s: as for `FrameStack.join`.
+
+    Returns:
+        None where nothing was joined, and where the box is no place on the deck's plane.
+    """
+    runway, config = prior_from_box(frame, box), search.config
+    if runway is None:
+        return None
+    crop = crop_around(box, search.image_size, config.grid.size, config.fill, config.min_width_px)
+    return _view_stack(search, crop, stack, runway, velocity_m_s)
+
+
+def _view_stack(
+    search: Search, crop: Crop, stack: FrameStack, runway: RunwayPrior, velocity_m_s: Float64
+) -> CropView | None:
+    joined = stack.join(crop, search.config.grid.size, runway, velocity_m_s)
     if joined is None:
         return None
-    pixels = normalise(joined.pixels, CONTRAST_FLOOR * joined.noise_gain)
-    view = search.view_pixels(pixels, search.crops[-1], joined.frames)
-    return view if search.shows_pair(view, box) else None
+    return search.view_pixels(normalise(joined.pixels, CONTRAST_FLOOR * joined.noise_gain), crop, joined.frames)
 
 
 def plane_homography(

@@ -52,6 +52,23 @@ def project_prior(frame: Frame, prior: RunwayPrior) -> Box | None:
     return _box_through_lens((normalised - margin).min(axis=0), (normalised + margin).max(axis=0), frame.camera)
 
 
+def prior_from_box(frame: Frame, box: Box) -> RunwayPrior | None:
+    """The place on the deck's plane under the middle of a box of the image, as a runway without length and width.
+
+    None without a pose or the deck's height, and for a box that is not below the camera's horizon.
+    """
+    pose = frame.world_from_camera
+    if pose is None or frame.deck_z_m is None:
+        return None
+    middle = np.array([[(box[0] + box[2]) / 2, (box[1] + box[3]) / 2]])
+    ray = (frame.camera.rays(middle) @ rotation_matrix(pose).T)[0]
+    depth_m = frame.deck_z_m - pose.translation[2]
+    if not (depth_m > 0 and ray[2] > 0):  # False for NaN
+        return None
+    ends = np.tile(pose.translation + ray * depth_m / ray[2], (2, 1))
+    return RunwayPrior(ends, ends, 0.0, 0.0)
+
+
 def _turn(prior: RunwayPrior, angles_rad: Array) -> Array:
     """Both lines turned about the middle of their near ends by angles (A,): (2 A, 2, 3)."""
     pivot = (prior.left_m[0] + prior.right_m[0]) / 2

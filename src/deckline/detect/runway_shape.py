@@ -18,6 +18,9 @@ MIN_ROWS_OF_WIDTH = 0.4  # rows of the lines, in widths at the near end
 MAX_OFFSET_HEIGHTS = 0.25  # of the camera sideways of the runway's middle, in heights above it
 HEIGHT_OF_IMAGE = (0.015, 0.22)  # from the vanishing point down to the near end, in image widths
 HEIGHT_OF_WIDTH = (0.25, 15.0)  # the same in runway widths: the camera's height
+# 25 approaches to random ships lie up to 1.2 heights beside the runway where tracks begin, false pairs over ships
+# without one mostly from 2 on: docs/experiments/2026-11-approaches-flown.md.
+MAX_APPROACH_OFFSET_HEIGHTS = 1.5
 BEYOND_OF_LENGTH = (0.03, 15.0)  # from the vanishing point down to the far end, in lengths of the lines
 
 Float64 = NDArray[np.float64]
@@ -36,6 +39,11 @@ class RunwayShape(NamedTuple):
     """Share of all rows that both lines have."""
     offset_heights: float
     """The camera's distance sideways of the runway's middle, in heights above it."""
+
+    @property
+    def is_approached(self) -> bool:
+        """Whether the camera is no farther beside the runway than on an approach, however it points."""
+        return self.offset_heights <= MAX_APPROACH_OFFSET_HEIGHTS
 
     def is_ahead(self, image_width: int) -> bool:
         """Whether a runway on flat ground ahead of and below the camera looks so in an image so many px wide.

@@ -21,12 +21,14 @@ from numpy.typing import NDArray
 from deckline.detect.crop import Box, box_around
 from deckline.detect.prior import widen
 from deckline.detect.registration import move_box, picture_shift, small_grey
+from deckline.detect.runway_shape import runway_shape
 from deckline.detect.search import CropView, Search, agree, search_lines
 from deckline.types import Detection, Diagnostic, Diagnostics, Frame, LinePoints, Reason, RunwayEstimate
 
 SURE_VIEWS = 2  # of a picture at most where the track is sure
 VIEWS = 3  # of any other picture at most,
 VIEWS_PER_S = 100.0  # or of pictures that come slowly
+MIN_FAINT_SHARED_ROWS = 0.5  # of a pair in joined pictures, of the rows of both lines together
 HELD_SHARE = 3  # of these one in so many is of the held picture
 QUICK_TILINGS = 1  # that are searched in every frame that shows nothing else
 DONE = object()
@@ -68,6 +70,8 @@ class FoundPlace:
     box: Box
     grey: NDArray[np.float32]
     """The picture in which it was there, small."""
+    is_faint: bool = False
+    """Only joined pictures showed it, once: it counts where the next picture shows it too."""
 
 
 class SearchScheduler:
@@ -108,6 +112,7 @@ class SearchScheduler:
         box: Box | None,
         is_sure: bool,
         view_joined: ViewJoined | None = None,
+        view_place_joined: ViewJoined | None = None,
     ) -> Detection:
         """Lines in the next picture.
 
@@ -116,6 +121,7 @@ class SearchScheduler:
             box: where the runway should be; None: not known.
             is_sure: the pictures before confirm the box.
             view_joined: one view of several pictures, where this one alone does not surely show both lines in the box.
+            view_place_joined: the same of a place that a search found, where nothing else is known of the runway.
         """
         before_s, passed_s = self._passed_s, time_s - self._seen_s
         self._passed_s, self._seen_s = passed_s, time_s
@@ -133,13 +139,15 @@ class SearchScheduler:
             if self._held is not None or time_s - self._last_s >= self.search_s:
                 self._search_on(time_s, image_rgb, at_box.lines, SURE_VIEWS - len(search.crops))
             return at_box.lines
-        at_place = self._view_place(search, self._place) if self._place and len(search.crops) < VIEWS else None
+        at_place = None
+        if self._place and len(search.crops) < VIEWS:
+            at_place = self._view_place(search, self._place, view_place_joined)
         seen = _choose(search, at_box, at_place)
         views = max(VIEWS, round(VIEWS_PER_S * passed_s)) - len(search.crops)
         held_views = min(max(1, views // HELD_SHARE), views)
         found = seen
         if seen is None or seen.count < 2:
-            found = self._search_quickly(image_rgb, views - held_views) or seen
+            found = self._search_quickly(image_rgb, views - held_views, view_place_joined) or seen
         elif not is_checked and self._held is not None:  # a search's first step may take a view more
             held_views = views  # the track may follow what it found before the gap: the sooner this shows the better
         compared = at_box or found
@@ -169,23 +177,40 @@ class SearchScheduler:
         is_line = view.count == 1 and view.probability >= search.config.min_lone_probability
         return joined or (view if is_line else None)
 
-    def _view_place(self, search: Search, place: FoundPlace) -> CropView | None:
+    def _view_place(self, search: Search, place: FoundPlace, view_place_joined: ViewJoined | None) -> CropView | None:
         """The view of where the runway was found, moved as the picture has moved; followed as long as it shows."""
         grey = small_grey(search.image_rgb)
         shift = picture_shift(place.grey, grey)
-        box = widen(place.box) if shift is None else move_box(widen(place.box), shift, search.image_size[0])
-        view = search.view_prior(box, passes=max(VIEWS - 1 - len(search.crops), 1))
-        is_seen = search.shows_pair(view, box)
-        self._place = FoundPlace(box_around(view.lines.left, view.lines.right), grey) if is_seen else None
-        return view if is_seen else None
+        moved = place.box if shift is None else move_box(place.box, shift, search.image_size[0])
+        box = widen(moved)
+        if place.is_faint:
+            view = None if view_place_joined is None else view_place_joined(search, moved)
+            is_seen = view is not None and _is_faint_pair(search, view)
+        else:
+            view, is_seen = search.view_prior(box, passes=max(VIEWS - 1 - len(search.crops), 1)), True
+        view = view if view is not None and is_seen and search.shows_pair(view, box) else None
+        self._place = None if view is None else FoundPlace(box_around(view.lines.left, view.lines.right), grey)
+        return view
 
-    def _search_quickly(self, image_rgb: NDArray[np.uint8], views: int) -> CropView | None:
-        """What so many views of a new search of this picture find, its small tiles left out."""
+    def _search_quickly(
+        self, image_rgb: NDArray[np.uint8], views: int, view_place_joined: ViewJoined | None
+    ) -> CropView | None:
+        """What so many views of a new search of this picture find, its small tiles left out.
+
+        A pair that is not sure must lie where an approach can see it. Where they find no pair, the last view is of the
+        joined pictures at the likeliest place.
+        """
         search = self.detector.start_search(image_rgb)
         steps = search.steps(QUICK_TILINGS)
-        while len(search.crops) < views and next(steps, DONE) is not DONE and not search.is_decided:
+        alone = views if view_place_joined is None else views - 1
+        while len(search.crops) < alone and next(steps, DONE) is not DONE and not search.is_decided:
             pass
-        return search.choose() if search.crops else None
+        found = search.choose() if search.crops else None
+        if found is not None and found.count == 2 and (_is_sure_pair(search, found) or _is_approached(found)):
+            return found
+        if search.crops and view_place_joined is not None and self._place is None:
+            self._place = _find_faint_place(search, view_place_joined)
+        return None if found is None or found.count == 2 else found
 
     def _search_on(self, time_s: float, image_rgb: NDArray[np.uint8], reference: Detection | None, views: int) -> None:
         """So many views of the search under way, or of a new one of this picture, to compare with a reference."""
@@ -210,6 +235,33 @@ class SearchScheduler:
 
 def _is_sure_pair(search: Search, view: CropView) -> bool:
     return view.count == 2 and view.probability >= search.config.agreeing_probability
+
+
+def _is_approached(view: CropView) -> bool:
+    shape = runway_shape(view.lines)
+    return shape is not None and shape.is_approached
+
+
+def _is_faint_pair(search: Search, view: CropView) -> bool:
+    """Whether joined pictures surely show a pair that an approach can see."""
+    if not _is_sure_pair(search, view):
+        return False
+    shape = runway_shape(view.lines)
+    return shape is not None and shape.is_approached and shape.shared_rows >= MIN_FAINT_SHARED_ROWS
+
+
+def _find_faint_place(search: Search, view_place_joined: ViewJoined) -> FoundPlace | None:
+    """Where joined pictures show a pair, at the likeliest place of a search that has viewed the whole picture."""
+    place = max(search.candidates, key=lambda view: view.region.probability, default=search.whole)
+    view = view_place_joined(search, _region_box(place))
+    if view is None or not _is_faint_pair(search, view):
+        return None
+    return FoundPlace(_region_box(view), small_grey(search.image_rgb), is_faint=True)
+
+
+def _region_box(view: CropView) -> Box:
+    u0, v0, u1, v1 = view.crop.to_image(view.region.box.reshape(2, 2)).ravel().tolist()
+    return u0, v0, u1, v1
 
 
 def _choose(search: Search, at_box: CropView | None, at_place: CropView | None) -> CropView | None:
