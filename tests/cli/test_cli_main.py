@@ -101,6 +101,17 @@ def test_info_lists_the_checked_weights_and_version_the_version(capsys):
     assert capsys.readouterr().out == f"deckline {__version__}\n"
 
 
+@pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="one core has no idle threads")
+def test_a_command_leaves_the_cores_to_the_networks():
+    run = "from deckline.cli.main import main; main(['--version'])"
+    count = "import os, numpy; print(len(os.listdir('/proc/self/task')))"
+    command = [sys.executable, "-c", f"{run}; {count}"]
+    unset = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
+    for given, threads in (({}, 1), ({"OPENBLAS_NUM_THREADS": "2"}, 2)):
+        done = subprocess.run(command, env=unset | given, capture_output=True, text=True, check=True)
+        assert int(done.stdout.split()[-1]) == threads
+
+
 @pytest.mark.parametrize(("text", "line"), [("", "deckline: stopped"), ("3 rows", "deckline: stopped: 3 rows")])
 def test_ctrl_c_ends_with_130_and_the_text_of_the_command(text, line, monkeypatch, capsys):
     def interrupt(*_args: object) -> None:

@@ -1,5 +1,6 @@
 """The `deckline` command. Nothing that takes time is imported before a command is chosen."""
 
+import os
 import sys
 from typing import Any
 
@@ -12,6 +13,9 @@ def main(argv: list[str] | None = None) -> int:
 
     The text of an interrupted command's KeyboardInterrupt names what it wrote.
     """
+    # numpy reads it when it is loaded. A frame's matrices are small, and OpenBLAS's idle threads spin on the cores that
+    # the networks need.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     args = sys.argv[1:] if argv is None else argv
     try:
         code = int(_run_command(args) or 0)
@@ -37,8 +41,6 @@ def _run_command(args: list[str]) -> Any:
 
 def _report(error: Exception) -> int:
     """Print an error of the user's input as one line; returns the exit code."""
-    import os
-
     from deckline.files import describe_error
 
     if isinstance(error, BrokenPipeError) and _is_unread():
@@ -51,7 +53,6 @@ def _report(error: Exception) -> int:
 
 def _is_unread() -> bool:
     """Whether nobody reads our output any more: any other pipe that breaks is an error."""
-    import os
     import select
 
     stdout = 1  # its descriptor
