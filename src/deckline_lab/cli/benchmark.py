@@ -2,7 +2,6 @@
 
 import tempfile
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -51,9 +50,9 @@ def benchmark(
         config = options.run_config(opened.base_config)
         flight = flight_from_config(config)
         whole = measure.measure_file(chosen, flight, folder / "film.mp4")
-        again = partial(Flight.from_config, config, dehazer=flight.dehazer, detector=flight.detector)
-        run_rate = measure.measure_run(chosen, again(), folder / "run")
         sleeping = flight_from_config(live_config(config))
+        drawn = Flight.from_config(config, dehazer=sleeping.dehazer, detector=sleeping.detector)
+        run_rate = measure.measure_run(chosen, drawn, folder / "run")
         live, progress = measure.measure_live(chosen, sleeping)
         passes, notes = _measure_passes(flight.detector, peer, config.engine, folder)
     file_figures, live_figures = whole.figures(), live.figures() | asdict(progress)
