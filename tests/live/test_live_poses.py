@@ -81,6 +81,16 @@ def test_what_is_no_pose_of_now_is_refused_and_changes_nothing(poses, text):
     assert poses(T + 0.2) is None
 
 
+def test_copies_over_a_redundant_link_are_no_losses(poses):
+    for index in range(5):
+        poses.add(line(T + 0.1 * index, 6.0 * index), T + 0.1 * index)
+        poses.add(line(T + 0.1 * max(index - 2, 0), 6.0 * max(index - 2, 0)), T + 0.1 * index)
+    assert poses.refused.count == 0
+    assert poses(T + 0.25).translation[0] == pytest.approx(15.0)
+    poses.add(line(T + 0.2, 12.1), T + 0.4)  # the same time, another pose
+    assert poses.refused.count == 1
+
+
 def test_a_clock_that_jumps_back_begins_anew(poses):
     for time_s in (T, T + 0.1):
         poses.add(line(time_s, 0.0), time_s)

@@ -48,11 +48,13 @@ class PoseBuffer:
     def add(self, time_s: float, world_from_body: RigidTransform, now_s: float = np.inf) -> None:
         """Append a pose; a clock that steps back by more than the longest gap begins a new track.
 
+        A copy of a pose that is here already, as a redundant link delivers it, changes nothing.
+
         Args:
             now_s: the present by the poses' clock; infinite: not known.
 
         Raises:
-            ValueError: it is not later than the last one, or from the future.
+            ValueError: another pose that is not later than the last one, or one from the future.
         """
         if time_s - now_s > FUTURE_S:
             hint = "set the clocks, or navigation.offset_s (--pose-offset-s)"
@@ -62,6 +64,8 @@ class PoseBuffer:
             if back_s > self._gap_s:
                 self._poses.clear()
             elif back_s >= 0.0:
+                if any(at_s == time_s and _is_same(held, world_from_body) for at_s, held in reversed(self._poses)):
+                    return
                 raise ValueError(f"a pose that is {back_s:.3f} s older than the one before")
             self._poses.append((time_s, world_from_body))
             self._changed.notify()
@@ -81,12 +85,16 @@ class PoseBuffer:
         return PoseTrack("", np.array(times), positions, rotations, self._gap_s, 0.0).at(time_s)
 
 
+def _is_same(first: RigidTransform, second: RigidTransform) -> bool:
+    return np.array_equal(first.as_matrix(), second.as_matrix())
+
+
 class UdpPoses:
     """A `PoseLookup`: JSON lines over UDP, interpolated as the poses of a recording are; a context manager.
 
     A line is an object with the keys of poses.csv: time_s (Unix time), x_m, y_m, z_m, qw, qx, qy, qz. Poses from the
-    future, of a second sender, or not later than the last one are refused; a clock that steps back by more than the
-    longest gap begins a new track. One thread may call it.
+    future, of a second sender, or not later than the last one are refused, copies ignored; a clock that steps back by
+    more than the longest gap begins a new track. One thread may call it.
 
     Args:
         address: udp://HOST:PORT that receives them.
