@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from deckline.checks import check_image
 from deckline.flight import FrameResult
-from deckline.geometry import intersect_plane
+from deckline.geometry import intersect_plane, rotation_matrix
 from deckline.report import draw
 from deckline.report.draw import Colour, Image, draw_dashes, draw_dot, draw_segment
 from deckline.report.instrument import draw_indicator
@@ -260,15 +260,15 @@ def project_centre_line(frame: Frame, estimate: RunwayEstimate) -> NDArray[np.fl
     if pose is None or line is None or not estimate.pixel_lines:
         return None
     ends = np.concatenate([pixel_line.ends_px for pixel_line in estimate.pixel_lines.values()])
-    directions = pose.rotation.apply(frame.camera.rays(ends))
-    on_deck = intersect_plane(pose.translation, directions, line.height_m)
+    origin, rotation = pose.translation, rotation_matrix(pose)
+    on_deck = intersect_plane(origin, frame.camera.rays(ends) @ rotation.T, line.height_m)
     along_m = (on_deck - line.point_m) @ line.direction
     along_m = along_m[np.isfinite(along_m)]
     if len(along_m) < 2:
         return None
     along_m = np.linspace(along_m.min(), along_m.max(), 200)
-    optical = pose.inv().apply(line.point_m + along_m[:, None] * line.direction)
-    in_front = optical[optical[:, 2] > NEAR_HEIGHTS * abs(line.height_m - pose.translation[2])]
+    optical = (line.point_m + along_m[:, None] * line.direction - origin) @ rotation
+    in_front = optical[optical[:, 2] > NEAR_HEIGHTS * abs(line.height_m - origin[2])]
     return frame.camera.project(in_front[[0, -1]]) if len(in_front) else None
 
 
@@ -285,9 +285,9 @@ def _draw_points(image: Image, view: Viewport, points: LinePoints, line: PixelLi
     rows = np.sort(shown[:, 1])
     spacing = float(np.median(np.diff(rows))) if len(rows) > 1 else DOT_PX[1]
     largest = float(np.clip(1.2 * spacing, RIM_PX, DOT_PX[1]))
-    for at, confidence, inlier in zip(shown, points.confidence, inliers, strict=True):
-        radius = DOT_PX[0] + (largest - DOT_PX[0]) * float(np.clip(confidence, 0.0, 1.0))
-        draw_dot(image, at, radius, colour, filled=bool(inlier), rim=radius > RIM_PX)
+    radii = DOT_PX[0] + (largest - DOT_PX[0]) * np.clip(points.confidence, 0.0, 1.0)
+    for at, radius, inlier in zip(shown, radii.tolist(), inliers.tolist(), strict=True):
+        draw_dot(image, at, radius, colour, filled=inlier, rim=radius > RIM_PX)
 
 
 def _draw_centre_line(image: Image, ends: NDArray[np.float64]) -> None:

@@ -147,8 +147,11 @@ def draw_tag(image: Image, words: str, corner: tuple[int, int], size: int, colou
 
 def _fixed(points: ArrayLike) -> list[tuple[int, int]]:
     """Pixels as OpenCV's fixed-point numbers, limited to far inside its 16-bit drawing range."""
-    scaled = np.clip(np.asarray(points, dtype=np.float64), -3000, 6000) * (1 << SHIFT)
-    return [(int(u), int(v)) for u, v in np.rint(scaled)]
+    return [(_fix(u), _fix(v)) for u, v in np.asarray(points, dtype=np.float64).tolist()]
+
+
+def _fix(place_px: float) -> int:
+    return round(min(max(place_px, -3000.0), 6000.0) * (1 << SHIFT))
 
 
 def _to_ascii(words: str) -> str:
