@@ -1,3 +1,4 @@
+import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
@@ -83,6 +84,25 @@ def test_paint_as_bright_as_the_haze_stays_paint():
     result = dehaze(hazy).astype(float)
     assert result[90:110, 159:163].mean() == pytest.approx(165, abs=20)
     assert result[90:110, 120:150].mean() == pytest.approx(40, abs=20)
+
+
+def test_water_beside_an_object_has_no_halo():
+    """What an object adds to the sea around it: nothing but what it does far off, where the fit moves a little."""
+    hazy = sea_pair(beta_from_visibility(900.0), texture=1.0)[0].repeat(4, axis=0).repeat(4, axis=1)
+    hull = cv2.ellipse(np.zeros(hazy.shape[:2], np.uint8), (640, 300), (150, 50), 12, 0, 360, 1, -1)
+    ship = hazy.copy()
+    t, colour = np.exp(-beta_from_visibility(900.0) * 250), np.array([60, 62, 65])
+    ship[hull > 0] = np.rint(AIRLIGHT + t * (colour - AIRLIGHT))
+    pose = {"world_from_body": world_from_body(), "deck_z_m": DECK_Z_M}
+    alone, beside = (
+        GeometryDehazer().restore(Frame("sea.png", 0.0, image, CAMERA.resized(1280, 720), **pose)).image_rgb.astype(int)
+        for image in (hazy, ship)
+    )
+    added = (beside - alone).mean(axis=2)
+    away_px = cv2.distanceTransform(1 - hull, cv2.DIST_L2, 5)
+    sea = ray_z(world_from_body()).repeat(4, axis=0).repeat(4, axis=1) > 0.01
+    near, far = (added[sea & (away_px > low) & (away_px <= high)].mean() for low, high in ((1, 5), (10, 14)))
+    assert near - far < 4
 
 
 def test_a_depth_camera_replaces_the_bounds():

@@ -35,6 +35,18 @@ def test_grey_and_what_differs_from_it_have_gains_of_their_own() -> None:
     np.testing.assert_allclose(parts.fade(0.25)(image), 0.25 * image + 0.75 * expected, atol=1.1)
 
 
+def test_two_maps_are_mixed_pixel_by_pixel() -> None:
+    image = np.random.default_rng(5).integers(60, 120, (4, 6, 3), dtype=np.uint8)
+    first = PixelMap(plane(1), plane(1), np.full((3, 4, 6), 20, np.float32), noise=2.0)
+    second = PixelMap(plane(1.8), plane(0.6), np.full((3, 4, 6), -30, np.float32))
+    share = np.random.default_rng(6).uniform(0, 1, (4, 6)).astype(np.float32)
+    mixed = first.mix(second, share)
+    assert mixed.noise == first.noise
+    part = share[..., None]
+    expected = (1 - part) * (image + 20.0) + part * second(image)
+    np.testing.assert_allclose(PixelMap(mixed.gain, mixed.chroma, mixed.offset)(image), expected, atol=1.1)
+
+
 def test_light_is_srgb() -> None:
     np.testing.assert_allclose(linear_levels(np.array([0, 10, 128, 255])), [0, 0.774, 55.045, 255], atol=1e-3)
     np.testing.assert_allclose(display_levels(linear_levels(np.arange(256))), np.arange(256), atol=1e-3)

@@ -130,8 +130,11 @@ class GeometryDehazer:
         deck = view_water(view.down, view.height_m + deck_z_m - sea_z_m)
         objects, bound = find_objects(planes, view, deck, haze, with_noise(self.config, small_noise))
         range_m = None if small.depth_m is None else small.depth_m * ray_lengths(small.camera)
-        t, clear_t = transmissions(view, objects, bound, range_m, haze, self.config)
-        return GeometrySolution(haze, invert_haze(view, t, clear_t, haze, with_noise(self.config, noise)), view.down)
+        behind, before = (
+            invert_haze(view, t, clear_t, haze, with_noise(self.config, noise))
+            for t, clear_t in transmissions(view, bound, range_m, haze, self.config)
+        )
+        return GeometrySolution(haze, behind.mix(before, objects), view.down)
 
 
 def at_usual_height(frame: Frame, world_from_camera: Rotation) -> Frame:

@@ -67,6 +67,14 @@ class PixelMap:
         added = np.moveaxis(np.asarray(cv2.resize(levels, self.gain.shape[::-1])), 2, 0)
         return replace(self, offset=np.ascontiguousarray(self.offset + added, np.float32))
 
+    def mix(self, other: "PixelMap", share: Image) -> "PixelMap":
+        """The map whose result is a weighted mean; `share` (h, w), 0 to 1, is the other's weight, the noise is ours."""
+        gain, chroma, offset = (
+            mine + share * (its - mine)
+            for mine, its in ((self.gain, other.gain), (self.chroma, other.chroma), (self.offset, other.offset))
+        )
+        return replace(self, gain=gain, chroma=chroma, offset=offset)
+
     def fade(self, share: float) -> "PixelMap":
         """The same map with a `share`, 0 to 1, of the image as it is."""
         done = np.float32(1 - share)

@@ -99,7 +99,8 @@ def _object_certainty(
 
     On the sea: what differs from hazy water, where haze flattens waves with everything else. In the sky: what is
     darker than the sky at its height, reaches down to the sea, and shows through clearly enough. Gaps are closed:
-    paint on a deck may be as bright as the haze.
+    paint on a deck may be as bright as the haze. At its edge an object is as sure as it covers the pixel, by contrast:
+    with the water beside it, it has a pale halo.
     """
     import cv2
 
@@ -120,7 +121,10 @@ def _object_certainty(
     window = scale_length(config.window_px, image.shape[2])
     closed = cv2.morphologyEx(certainty.astype(np.float32), cv2.MORPH_CLOSE, np.ones((window, window), np.uint8))
     edge = scale_length(config.window_px // 3, image.shape[2])
-    return np.asarray(cv2.blur(closed, (edge, edge)), dtype=np.float32)
+    square = np.ones((edge, edge), np.uint8)
+    inner, covered = cv2.erode(closed, square), np.maximum(contrast, 0)
+    covered /= np.maximum(cv2.dilate(covered, square), np.float32(1e-3))
+    return np.minimum(inner + (closed - inner) * covered, cv2.blur(closed, (edge, edge)))
 
 
 def sky_contrast(levels: Image, down: Image) -> Image:
@@ -153,22 +157,23 @@ def scale_length(length_px: int, width_px: int) -> int:
 
 
 def transmissions(
-    view: SeaView, certainty: Image, bound: Image, range_m: Image | None, haze: HazeFit, config: GeometryConfig
-) -> tuple[Image, Image]:
-    """Transmission of the haze and of the clear day's air that replaces it, (H, W) each; 1 in a plain sky.
+    view: SeaView, bound: Image, range_m: Image | None, haze: HazeFit, config: GeometryConfig
+) -> tuple[tuple[Image, Image], tuple[Image, Image]]:
+    """Of sea and plain sky, and of objects before them: transmission of the haze, and of the clear day's air after it.
 
-    `certainty` and `bound` (H, W) are those of `find_objects`; `range_m` (H, W) holds measured ray lengths, NaN where
-    unknown, and is None without a depth camera.
+    (H, W) each, 1 in a plain sky. `bound` (H, W) is that of `find_objects`; `range_m` (H, W) holds measured ray
+    lengths, NaN where unknown, and is None without a depth camera.
     """
     sea_t = np.exp(-haze.optical_depth(view.range_m))
-    clear_sea_t = certainty + (1 - certainty) * transmission(view.range_m, config.clear_beta_per_m)
-    t = np.where(view.is_sea, np.maximum(sea_t, certainty * bound), 1 - certainty * (1 - bound))
-    clear_t = np.where(view.is_sea, clear_sea_t, 1)
+    t, object_t = np.where(view.is_sea, sea_t, np.float32(1)), np.maximum(sea_t, bound)
+    clear_t = np.where(view.is_sea, transmission(view.range_m, config.clear_beta_per_m), 1)
+    object_clear_t = np.ones_like(sea_t)
     if range_m is not None:
         measured = np.isfinite(range_m)
-        t = np.where(measured, np.exp(-haze.optical_depth(np.where(measured, range_m, 0))), t)
+        measured_t = np.exp(-haze.optical_depth(np.where(measured, range_m, 0)))
+        t, object_t = (np.where(measured, measured_t, part) for part in (t, object_t))
         clear_t = np.where(measured, 1, clear_t)
-    return t, clear_t
+    return (t, clear_t), (object_t, object_clear_t)
 
 
 def signal_gain(t: Image, airlight: float, level_sigma: float, airlight_sigma: float, scene_sigma: float) -> Image:
