@@ -118,7 +118,7 @@ CONTENTS = tuple(FAULTS)[tuple(FAULTS).index("nothing in it") :]
 HARMLESS = {(name, "nothing in it") for name in ("x.toml", "ship.toml", "runway.toml", "a.lines.txt", "a.txt")}
 HARMLESS |= {("out/.unfinished/run.json", "a link to nothing")}
 HARMLESS |= {("data.yaml", fault) for fault in CONTENTS}
-UNNAMED = {"a.png", "a.tif", "out/.unfinished/run.json", "list/train_gt.txt"}  # their folder is, or what they name
+UNNAMED = {"a.png", "a.tif", "out/.unfinished/run.json"}  # their folder is, or what they name
 KINDS = [(file, fault) for file in FILES for fault in FAULTS if (file, fault) not in HARMLESS]
 
 

@@ -149,6 +149,8 @@ def _read_culane_listed(root: Path, text: str, where: str) -> LabelledImage:
     name = words[0].lstrip("/")
     flags = [word for word in words[1:] if word in ("0", "1")]
     lines_file = root / _get_lines_name(name)
+    if not is_there(lines_file):
+        raise ValueError(f"{where}: there is no {lines_file} with the lines of {name}")
     lines = _read_culane_lines(lines_file)
     if flags and len(flags) != 2:
         raise ValueError(f"{where}: {len(flags)} flags; a runway has two lines: left and right")
