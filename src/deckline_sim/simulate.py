@@ -302,8 +302,8 @@ def open_simulator(config: SimConfig) -> "ShipSimulator | AirfieldSimulator":
     return DecklessSimulator(config) if config.trajectory == "deckless" else ShipSimulator(config)
 
 
-def frames(config: SimConfig, start: int = 0, stop: int | None = None) -> Iterator[Frame]:
-    """Frames `start`, `start + 1`, ... of a recording, before `stop` (None: all).
+def frames(config: SimConfig, start: int = 0) -> Iterator[Frame]:
+    """Frames `start`, `start + 1`, ... of a recording.
 
     Raises:
         RendererError: no OpenGL through EGL on this machine.
@@ -312,7 +312,7 @@ def frames(config: SimConfig, start: int = 0, stop: int | None = None) -> Iterat
     if start < 0:
         raise ValueError(f"start must not be negative, got {start}")
     with open_simulator(config) as simulator:
-        for index in range(start, config.frames if stop is None else min(stop, config.frames)):
+        for index in range(start, config.frames):
             yield simulator.frame(index)
 
 
