@@ -1,7 +1,6 @@
 """Writes the frames that were flown as a folder of images that `deckline run` answers in the same way."""
 
 import re
-from dataclasses import astuple
 from pathlib import Path
 
 import numpy as np
@@ -44,7 +43,7 @@ class FrameFolder:
             if frame.camera.known:
                 text = format_camera(frame.camera, frame.body_from_camera, get_heights(frame))
                 write_atomic(self._folder / CAMERA_FILE, text.encode())
-        if astuple(frame.camera) != astuple(self._camera):
+        if frame.camera != self._camera:
             raise ValueError(f"{frame.file}: another camera than that of the recording's first frame")
         write_atomic(self._folder / name, encode_image(frame.image_rgb, "png"))
         if frame.depth_m is not None:
