@@ -1,6 +1,7 @@
-"""Nested frozen dataclasses as TOML files: one table a dataclass, one key a field."""
+"""Nested frozen dataclasses as TOML files: one table a dataclass, one key a field; and as JSON values."""
 
 import json
+import math
 from collections.abc import Collection, Mapping
 from dataclasses import MISSING, Field, fields, is_dataclass, replace
 from difflib import get_close_matches
@@ -73,6 +74,24 @@ def config_from_table(
 def to_toml_text(config: Any) -> str:
     """Every field of a configuration as TOML that `read_config` reads back."""
     return "\n".join(_table_lines(config, "")).lstrip("\n") + "\n"
+
+
+def settings_to_json(value: Any) -> Any:
+    """Settings as JSON values: tuples as lists, numbers that are not finite as text."""
+    if isinstance(value, Mapping):
+        return {str(key): settings_to_json(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [settings_to_json(item) for item in value]
+    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def settings_from_json(value: Any) -> Any:
+    """What `settings_to_json` was given: text of infinities again numbers; settings without a value left out."""
+    if isinstance(value, dict):
+        return {key: settings_from_json(item) for key, item in value.items() if item is not None}
+    if isinstance(value, list):
+        return [settings_from_json(item) for item in value]
+    return float(value) if value in ("inf", "-inf") else value
 
 
 def suggest_key(key: str, known: Collection[str]) -> str:

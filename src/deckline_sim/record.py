@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from deckline import __version__
 from deckline.checks import check_numbers
+from deckline.config_file import settings_to_json
 from deckline.recording import RecordingWriter
 from deckline.recording.writer import ImageFormat, encode_frame
 from deckline.report.draw import check_picture_name, write_picture
@@ -213,16 +214,7 @@ def frame_settings(config: SimConfig) -> dict[str, Any]:
     length = values.pop("frames")
     if config.trajectory in FLIGHTS:  # more frames of an approach are other frames
         values["length"] = length
-    return {name: json_values(value) for name, value in values.items()}
-
-
-def json_values(value: Any) -> Any:
-    """A value for JSON: tuples become lists, infinity and NaN text."""
-    if isinstance(value, dict):
-        return {name: json_values(item) for name, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [json_values(item) for item in value]
-    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
+    return dict(settings_to_json(values))
 
 
 def repeatable_command() -> str:

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from deckline.cli.main import main
-from deckline.config_file import read_config
+from deckline.config_file import read_config, settings_to_json
 from deckline.geometry import Camera, camera_mount, pose
 from deckline.recording import open_recording
 from deckline.recording.images import read_image
@@ -24,7 +24,6 @@ from deckline_sim.cli import RECORDING, SHEET
 from deckline_sim.config import DepthConfig, WeatherConfig
 from deckline_sim.record import (
     frame_settings,
-    json_values,
     make_tile,
     parse_visibility,
     repeatable_command,
@@ -113,7 +112,7 @@ def test_what_decides_a_frame_is_plain_at_any_depth():
     json.dumps(values, allow_nan=False)
     assert "length" not in values  # more random views go on with the same recording
     assert frame_settings(SimConfig(frames=7))["length"] == 7
-    assert json_values((1, [math.nan])) == [1, ["nan"]]
+    assert settings_to_json((1, [math.nan])) == [1, ["nan"]]
 
 
 WORKERS = [["--out", "x", "--jobs", "3"], ["--jobs=3", "--out=x"], ["--out", "x", "--ray"], ["--ray", "head:6379"]]

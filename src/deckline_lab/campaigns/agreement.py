@@ -11,10 +11,10 @@ from typing import Any, Literal
 import numpy as np
 from scipy.stats import fisher_exact, ks_2samp
 
-from deckline.config_file import config_from_table
+from deckline.config_file import config_from_table, settings_from_json
 from deckline.files import parse_plain, read_regular
 from deckline_lab.campaigns.importance import Importance
-from deckline_lab.campaigns.plan import CampaignPlan, Settings, flat_settings, settings_from_json
+from deckline_lab.campaigns.plan import CampaignPlan, Settings, flat_settings
 from deckline_lab.campaigns.runner import PLAN_FILE
 from deckline_lab.campaigns.summary import FlownLanding, name_cell, read_landings
 from deckline_lab.evaluation.tables import Table, number

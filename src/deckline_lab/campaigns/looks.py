@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from deckline.config_file import config_from_table
+from deckline.config_file import config_from_table, settings_from_json, settings_to_json
 from deckline.types import SIDES, Detection, Guidance, LinePoints, Protection, Value
-from deckline_lab.campaigns.plan import plain_json, settings_from_json
 from deckline_sim.config import FlightConfig, MotionConfig, SimConfig
 from deckline_sim.flight.approach import STEP_S, ApproachPath, flight_path, pose_at
 from deckline_sim.landing.config import LandingConfig
@@ -123,7 +122,7 @@ def points_of(rows: list[list[float]]) -> LinePoints:
 
 def looks_json(scene: Surroundings, looks: list[dict[str, Any]]) -> bytes:
     """The file of the looks of one flight, with its configuration and seed."""
-    data = {"config": plain_json(asdict(scene.config)), "seed": scene.seed, "looks": looks}
+    data = {"config": settings_to_json(asdict(scene.config)), "seed": scene.seed, "looks": looks}
     return json.dumps(data, separators=(",", ":")).encode()
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from deckline.checks import check_numbers
-from deckline.config_file import config_from_table, read_toml, suggest_key
+from deckline.config_file import config_from_table, read_toml, settings_to_json, suggest_key
 from deckline_lab.campaigns.importance import Importance
 from deckline_sim.landing.config import LandingConfig
 
@@ -114,7 +114,7 @@ class CampaignPlan:
 
     def as_json(self) -> dict[str, Any]:
         """The plan as JSON values: infinite numbers as text."""
-        return plain_json(
+        return settings_to_json(
             {
                 **{item.name: getattr(self, item.name) for item in fields(self)},
                 "landing": asdict(self.landing),
@@ -156,24 +156,6 @@ def check_plan(plan: CampaignPlan, check: Callable[[LandingConfig], None]) -> No
     """Call `check` with the landings of every cell, which raises a ValueError for one that cannot be flown."""
     for config in plan.extremes():
         check(config)
-
-
-def plain_json(value: Any) -> Any:
-    """JSON values: tuples as lists, numbers that are not finite as text."""
-    if isinstance(value, Mapping):
-        return {str(key): plain_json(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain_json(item) for item in value]
-    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def settings_from_json(value: Any) -> Any:
-    """What `plain_json` was given: numbers that are not finite again numbers; settings without a value left out."""
-    if isinstance(value, dict):
-        return {key: settings_from_json(item) for key, item in value.items() if item is not None}
-    if isinstance(value, list):
-        return [settings_from_json(item) for item in value]
-    return float(value) if value in ("inf", "-inf") else value
 
 
 def flat_settings(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -12,8 +12,9 @@ from typing import Any, Protocol
 
 from deckline import __version__
 from deckline.atomic import write_atomic
+from deckline.config_file import settings_to_json
 from deckline.files import lock_folder, name_in_errors, parse_plain, read_regular
-from deckline_lab.campaigns.plan import CampaignPlan, check_plan, plain_json
+from deckline_lab.campaigns.plan import CampaignPlan, check_plan
 from deckline_sim.landing.config import LandingConfig
 from deckline_sim.processes import Jobs
 from deckline_sim.progress import progress
@@ -96,7 +97,7 @@ def _fly_line(cell: int, number: int, plan: CampaignPlan, fly: Fly) -> bytes:
         raise ValueError(f"landing {number} of cell {cell} ({settings}), seed {seed}: {error}") from error
     line = {"cell": cell, "number": number, "seed": seed, "settings": settings}
     line |= {} if plan.importance is None else {"weight": weight}
-    text = json.dumps(plain_json({**line, "landing": landing}), allow_nan=False, separators=(",", ":"))
+    text = json.dumps(settings_to_json({**line, "landing": landing}), allow_nan=False, separators=(",", ":"))
     return text.encode() + b"\n"
 
 

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from deckline.config_file import settings_from_json, settings_to_json
 from deckline.files import parse_plain, read_regular
-from deckline_lab.campaigns.plan import CampaignPlan, Settings, plain_json, settings_from_json
+from deckline_lab.campaigns.plan import CampaignPlan, Settings
 from deckline_lab.campaigns.runner import shard_files
 from deckline_lab.campaigns.shares import Share, estimate_share
 from deckline_lab.evaluation.tables import MISSING, Table, number
@@ -149,7 +150,7 @@ def summarise_group(
 
 def summary_json(cells: Sequence[CellSummary]) -> dict[str, Any]:
     """The cells as JSON values."""
-    return {"cells": [plain_json(asdict(cell)) for cell in cells]}
+    return {"cells": [settings_to_json(asdict(cell)) for cell in cells]}
 
 
 def summary_tables(cells: Sequence[CellSummary], weighted: bool) -> list[Table]:

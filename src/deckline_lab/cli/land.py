@@ -11,10 +11,10 @@ import tyro
 
 from deckline import __version__
 from deckline.atomic import write_atomic
+from deckline.config_file import settings_to_json
 from deckline.files import is_there, print_line, printable
 from deckline_lab.campaigns.filmed import fly_filmed, make_film
 from deckline_lab.campaigns.landing_report import landing_html
-from deckline_lab.campaigns.plan import plain_json
 from deckline_sim.landing.config import LandingConfig
 from deckline_sim.landing.summary import summarise_landing
 
@@ -36,7 +36,7 @@ def land(
     with folder_of_results(out):
         filmed = fly_filmed(landing, seed)
         film = make_film(filmed)
-    settings = plain_json(asdict(landing))
+    settings = settings_to_json(asdict(landing))
     record = {"seed": seed, "made_with": __version__, **filmed.landing.record(), "settings": settings}
     write_atomic(out / RECORD_FILE, (json.dumps(record, indent=1, allow_nan=False) + "\n").encode())
     write_atomic(out / FILM_FILE, film)

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from deckline import __version__
 from deckline.atomic import write_atomic
 from deckline.checks import check_numbers
+from deckline.config_file import settings_to_json
 from deckline.recording import RecordingWriter
 from deckline.recording.images import encode_image
 from deckline.recording.writer import EncodedFrame, encode_frame
@@ -32,7 +33,7 @@ from deckline.types import Frame
 from deckline_lab.datasets.tiles import tile_corners
 from deckline_sim.config import DepthConfig, SimConfig, Trajectory, WeatherConfig
 from deckline_sim.processes import Jobs, map_ordered
-from deckline_sim.record import Item, json_values, map_frames, show_progress, visibility_text
+from deckline_sim.record import Item, map_frames, show_progress, visibility_text
 from deckline_sim.scene.gl import open_context
 
 MANIFEST = "manifest.json"
@@ -194,7 +195,7 @@ def _origin(config: DatasetConfig) -> dict[str, Any]:
             words.append(f"--{option}" if value else f"--no-{option}")
         else:
             words += [f"--{option}", visibility_text(value) if isinstance(value, tuple) else str(value)]
-    return {"generator": f"deckline {__version__}", "command": " ".join(words), "dataset": json_values(values)}
+    return {"generator": f"deckline {__version__}", "command": " ".join(words), "dataset": settings_to_json(values)}
 
 
 def write_manifest(out: Path, values: Mapping[str, Any], jobs: int = 1) -> None:
