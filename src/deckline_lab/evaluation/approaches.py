@@ -26,7 +26,7 @@ from deckline.localize import Localizer, localize
 from deckline.options import RunOptions
 from deckline.types import Detection, Frame, LinePoints, Segment, Truth
 from deckline_lab.rivals.classical import ClassicalDetector
-from deckline_sim.camera.measure import miscalibrate
+from deckline_sim.camera.measure import miscalibrate, navigation_unit
 from deckline_sim.landing.modelled_detector import correlated_noise
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ class FlightsConfig:
         """What the simulator is asked for; a ValueError where it refuses, an ImportError without the sim extra."""
         with needs_extra("sim"):
             from deckline_sim import SimConfig
-            from deckline_sim.config import DepthConfig, FlightConfig, MotionConfig, NavigationConfig
+            from deckline_sim.config import DepthConfig, FlightConfig, MotionConfig
             from deckline_sim.record import parse_visibility
         sensors, wanted = self.run.sensors, self.run.approach
         return SimConfig(
@@ -101,13 +101,7 @@ class FlightsConfig:
                 glideslope_deg=wanted.glideslope_deg, touchdown_m=wanted.touchdown_m, speed_m_s=self.speed_m_s
             ),
             depth=DepthConfig(DEPTH_RANGE_M),
-            navigation=NavigationConfig(
-                position_sigma_m=sensors.position_white_m,
-                attitude_sigma_deg=sensors.attitude_white_deg,
-                position_bias_m=sensors.position_drift_m,
-                attitude_bias_deg=sensors.attitude_drift_deg,
-                drift_s=sensors.drift_s,
-            ),
+            navigation=navigation_unit(sensors),
         )
 
 

@@ -49,6 +49,17 @@ def find_edges(depth_m: NDArray[np.float32]) -> NDArray[np.bool_]:
     return edges
 
 
+def navigation_unit(sensors: Sensors) -> NavigationConfig:
+    """The simulated unit whose errors are those that the sensors state."""
+    return NavigationConfig(
+        position_sigma_m=sensors.position_white_m,
+        attitude_sigma_deg=sensors.attitude_white_deg,
+        position_bias_m=sensors.position_drift_m,
+        attitude_bias_deg=sensors.attitude_drift_deg,
+        drift_s=sensors.drift_s,
+    )
+
+
 def measure_pose(world_from_body: RigidTransform, time_s: float, config: NavigationConfig, seed: int) -> RigidTransform:
     """The pose as the unit measures it; its error follows from the time and the seed alone.
 

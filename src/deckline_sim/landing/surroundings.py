@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from deckline.config import GRADES, Approach, Integrity, RunConfig, Sensors
+from deckline.config import GRADES, Approach, Integrity, RunConfig
 from deckline.config import Deck as KnownDeck
 from deckline.flight import Flight
 from deckline.geometry import Camera, camera_mount
 from deckline.types import Frame, RunwayPrior, Truth
-from deckline_sim.camera.measure import measure_pose, miscalibrate
+from deckline_sim.camera.measure import measure_pose, miscalibrate, navigation_unit
 from deckline_sim.config import MotionConfig, NavigationConfig
 from deckline_sim.flight.viewpoints import ShipMotion, draw_motion, steady_pose, steady_velocity
 from deckline_sim.landing.air import steady_wind
@@ -115,17 +115,6 @@ def run_config(config: LandingConfig, layout: Layout, motion: ShipMotion, touchd
         models=config.models,
         tracking=config.tracking,
         integrity=Integrity(max_width_fraction=MAX_WIDTH_FRACTION),
-    )
-
-
-def navigation_unit(sensors: Sensors) -> NavigationConfig:
-    """The simulated unit whose errors are those that the sensors state."""
-    return NavigationConfig(
-        position_sigma_m=sensors.position_white_m,
-        attitude_sigma_deg=sensors.attitude_white_deg,
-        position_bias_m=sensors.position_drift_m,
-        attitude_bias_deg=sensors.attitude_drift_deg,
-        drift_s=sensors.drift_s,
     )
 
 
