@@ -18,14 +18,10 @@ from scipy.spatial.transform import RigidTransform
 
 from deckline.checks import check_numbers
 from deckline.config import GRADES, RunConfig, Sensors
-from deckline.dehaze.base import IdentityDehazer
 from deckline.extras import needs_extra
-from deckline.flight import Flight
 from deckline.geometry import Camera
-from deckline.localize import Localizer, localize
 from deckline.options import RunOptions
 from deckline.types import Detection, Frame, LinePoints, Segment, Truth
-from deckline_lab.rivals.classical import ClassicalDetector
 from deckline_sim.camera.measure import miscalibrate, navigation_unit
 from deckline_sim.landing.modelled_detector import correlated_noise
 
@@ -182,11 +178,6 @@ class PointNoise:
     outlier_share: float = 0.02
     outlier_px: float = 20.0
     missed_share: float = 0.01
-
-
-def point_flight(config: RunConfig, localizer: Localizer = localize) -> Flight:
-    """A flight whose detections are modelled."""
-    return Flight(config, IdentityDehazer(), ClassicalDetector(), localizer)
 
 
 def fly_points(config: "SimConfig", sensors: Sensors, noise: PointNoise) -> Iterator[Sighting]:

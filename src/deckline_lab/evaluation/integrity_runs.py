@@ -23,7 +23,6 @@ from deckline_lab.evaluation.approaches import (
     flight_settings,
     fly,
     fly_points,
-    point_flight,
 )
 from deckline_lab.evaluation.coverage import coverage_table
 from deckline_lab.evaluation.integrity_faults import FAULTS, Runs
@@ -46,6 +45,7 @@ from deckline_lab.evaluation.store import Store
 from deckline_lab.evaluation.tables import MISSING, TO_TERMINAL, Figures, Output, Table, number, publish
 from deckline_lab.rivals.catalog import flight_from_config
 from deckline_lab.statistics import share_interval, share_interval_of_runs
+from deckline_sim.landing.modelled_detector import point_flight
 from deckline_sim.processes import map_ordered
 from deckline_sim.progress import progress
 from deckline_sim.workers import RayOption, choose_workers

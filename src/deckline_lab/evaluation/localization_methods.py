@@ -13,11 +13,12 @@ from deckline.detect import Detector
 from deckline.flight import Flight
 from deckline.localize import Localizer, localize
 from deckline.report.provenance import settings_of
-from deckline_lab.evaluation.approaches import PointNoise, point_flight
+from deckline_lab.evaluation.approaches import PointNoise
 from deckline_lab.evaluation.chain import single_frames
 from deckline_lab.evaluation.dehazers import SharedDehazer, detector_label
 from deckline_lab.rivals.catalog import flight_from_config
 from deckline_lab.rivals.sgd import localize_by_descent
+from deckline_sim.landing.modelled_detector import point_flight
 
 
 @dataclass(frozen=True)

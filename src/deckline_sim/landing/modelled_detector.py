@@ -1,11 +1,16 @@
-"""Detections drawn from `detection_model`, look by look."""
+"""Detections drawn from `detection_model`, look by look, and flights of drawn detections."""
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.spatial.transform import RigidTransform
 
+from deckline.config import RunConfig
+from deckline.dehaze.base import IdentityDehazer
+from deckline.detect.crop import Box
+from deckline.flight import Flight
 from deckline.geometry import Camera
+from deckline.localize import Localizer, localize
 from deckline.types import Detection, LinePoints, Segment
 from deckline_sim.landing.detection_model import DEPTHS, RANGE_M, SIZE_PX, DetectionModel, Presence
 
@@ -136,6 +141,20 @@ class ModelledDetector:
         mean, sigma = (np.interp(range_m, RANGE_M, table) for table in (extent.near_steps, extent.near_steps_spread))
         near = min(float(mean + sigma * nearest) / whole, MOST_TRIMMED - far / 2)
         return np.linspace(near, 1.0 - far, max(round(whole * (1.0 - near - far)), 2))
+
+
+class NoDetector:
+    """The detector of a flight whose points are all drawn."""
+
+    name = "drawn"
+
+    def __call__(self, image_rgb: NDArray[np.uint8], prior_box: Box | None = None) -> Detection:
+        raise AssertionError("unreachable: every detection is given")
+
+
+def point_flight(config: RunConfig, localizer: Localizer = localize) -> Flight:
+    """A flight whose detections are all given."""
+    return Flight(config, IdentityDehazer(), NoDetector(), localizer)
 
 
 def latent_mean(presence: Presence, depth: float | Array, width_px: float | Array, is_dark: bool) -> float | Array:

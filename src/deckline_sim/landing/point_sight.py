@@ -4,30 +4,18 @@ from dataclasses import replace
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from deckline.config import RunConfig
-from deckline.dehaze.base import IdentityDehazer
-from deckline.detect.crop import Box
-from deckline.flight import Flight, FrameResult
+from deckline.flight import FrameResult
 from deckline.types import Detection, Frame, Guidance
 from deckline_sim.landing.config import LandingConfig
 from deckline_sim.landing.detection_model import DetectionModel, read_detection_model
-from deckline_sim.landing.modelled_detector import ModelledDetector
+from deckline_sim.landing.modelled_detector import ModelledDetector, point_flight
 from deckline_sim.landing.sight import Moment
 from deckline_sim.landing.surroundings import empty_picture, measured_frame, surroundings
 from deckline_sim.ship.truth import truth_segments
 
 DETECTIONS, RANSAC = 64, 65  # random streams
-
-
-class NoDetector:
-    """The detector of a flight whose points are all drawn."""
-
-    name = "drawn"
-
-    def __call__(self, image_rgb: NDArray[np.uint8], prior_box: Box | None = None) -> Detection:
-        raise AssertionError("unreachable: every detection is given")
 
 
 class PointSight:
@@ -46,7 +34,7 @@ class PointSight:
         self.surroundings = surroundings(config, seed)
         told = run or self.surroundings.run
         told = replace(told, tracking=replace(told.tracking, horizon_s=0.0, paint_s=0.0))  # the picture is black
-        self.flight = Flight(told, IdentityDehazer(), NoDetector())
+        self.flight = point_flight(told)
         is_dark = config.time_of_day != "day"
         rng = np.random.default_rng([seed, DETECTIONS])
         self.detector = ModelledDetector(model or read_detection_model(), is_dark, config.visibility_m, rng)

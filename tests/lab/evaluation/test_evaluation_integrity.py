@@ -7,10 +7,11 @@ from refused import refuse
 
 from deckline.cli.main import main
 from deckline.options import RunOptions
-from deckline_lab.evaluation.approaches import FlightsConfig, PointNoise, fly_points, point_flight
+from deckline_lab.evaluation.approaches import FlightsConfig, PointNoise, fly_points
 from deckline_lab.evaluation.integrity_faults import FAULTS, Runs
 from deckline_lab.evaluation.integrity_runs import IntegrityConfig, flat_figures, integrity_tables
 from deckline_lab.evaluation.integrity_score import NOMINAL, FaultRun, FrameState, flight_with, fly_run
+from deckline_sim.landing.modelled_detector import point_flight
 from golden import check_golden
 
 CALM = RunOptions(grade="good", sea_state=0.0)
