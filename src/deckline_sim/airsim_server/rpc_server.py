@@ -5,13 +5,12 @@ import ipaddress
 import math
 import socket
 import time
-from collections.abc import AsyncIterator, Callable, Iterator, Mapping
+from collections.abc import AsyncIterator, Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import asynccontextmanager, closing, contextmanager
+from contextlib import asynccontextmanager, closing
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from queue import Queue
 from typing import Any
 
 from deckline import __version__
@@ -228,29 +227,6 @@ async def serving(
             await connections.close()
             await recorder.stop()
             await render(world.close)
-
-
-@contextmanager
-def serving_in_thread(config: SimConfig, settings: AirSimSettings, **options: Any) -> Iterator[int]:
-    """`serving` with its options on a thread of its own, for a program without an event loop; same errors."""
-    ports: Queue[tuple[int, asyncio.AbstractEventLoop] | None] = Queue()
-    stop = asyncio.Event()
-
-    async def serve_until_stopped() -> None:
-        async with serving(config, settings, **options) as port:
-            ports.put((port, asyncio.get_running_loop()))
-            await stop.wait()
-
-    with ThreadPoolExecutor(1, thread_name_prefix="airsim-server") as thread:
-        done = thread.submit(lambda: asyncio.run(serve_until_stopped()))
-        done.add_done_callback(lambda _: ports.put(None))
-        if started := ports.get():
-            try:
-                yield started[0]
-            finally:
-                if not done.done():
-                    started[1].call_soon_threadsafe(stop.set)
-        done.result()
 
 
 async def serve_forever(config: SimConfig, settings: AirSimSettings, options: ServeConfig, out: Path) -> None:

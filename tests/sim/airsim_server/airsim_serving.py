@@ -3,15 +3,17 @@
 import asyncio
 import socket
 import time
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from queue import Queue
 
 import pytest
 
 from deckline.adapters.airsim.protocol import Decoder, encode_request
 from deckline_sim import RendererError
-from deckline_sim.airsim_server.rpc_server import serving_in_thread
+from deckline_sim.airsim_server.rpc_server import serving
 from deckline_sim.airsim_server.settings import CaptureSetting, parse_settings
 from deckline_sim.airsim_server.sim_clock import SimClock
 from deckline_sim.config import DepthConfig, SensorConfig, SimConfig
@@ -41,6 +43,29 @@ class Running:
 
 
 @contextmanager
+def serve_in_thread(config, settings, **options):
+    """`serving` with its options on a thread of its own; yields the port."""
+    ports = Queue()
+    stop = asyncio.Event()
+
+    async def serve_until_stopped():
+        async with serving(config, settings, **options) as port:
+            ports.put((port, asyncio.get_running_loop()))
+            await stop.wait()
+
+    with ThreadPoolExecutor(1, thread_name_prefix="airsim-server") as thread:
+        done = thread.submit(lambda: asyncio.run(serve_until_stopped()))
+        done.add_done_callback(lambda _: ports.put(None))
+        if started := ports.get():
+            try:
+                yield started[0]
+            finally:
+                if not done.done():
+                    started[1].call_soon_threadsafe(stop.set)
+        done.result()
+
+
+@contextmanager
 def run_server(out, config=CONFIG, speed=None, **options):
     """A server until the block ends; an error in it is raised here. `speed`: of its time over the wall clock's."""
     running = Running(0, [], out, [0.0])
@@ -49,7 +74,7 @@ def run_server(out, config=CONFIG, speed=None, **options):
     settings = parse_settings({}, CaptureSetting(config.width, config.height, config.fov_deg))
     options |= {"port": 0, "out": out, "log": running.lines.append, "clock": clock}
     try:
-        with serving_in_thread(config, settings, **options) as running.port:
+        with serve_in_thread(config, settings, **options) as running.port:
             yield running
     except RendererError as error:
         pytest.skip(f"no OpenGL on this machine: {error}")
