@@ -60,21 +60,21 @@ def estimate_of(estimate: RunwayEstimate, belief: Belief, ramp: bool, config: Ru
     return replace(
         estimate,
         mode=DepthMode.WIDTH,
-        lines=lines_of(belief, reference_m(belief, ramp, config), config),
+        lines=lines_of(belief, reference_m(ramp, config), config),
         ramp_m=np.zeros(3) if ramp else None,
         ramp_sigma_m=belief.sigma(States.DISTANCE) if ramp else None,
         diagnostics=diagnostics,
     )
 
 
-def reference_m(belief: Belief, ramp: bool, config: RunConfig) -> float:
+def reference_m(ramp: bool, config: RunConfig) -> float:
     """Where lines and height are given, m along the runway: the touchdown point, or the nearest visible part."""
     return config.approach.touchdown_m if ramp else 0.0
 
 
 def track_of(belief: Belief, state: TrackState, ramp: bool, shared_sigma: Array, config: RunConfig) -> Track:
     """The track of a belief, without flags and doubts."""
-    at_m = reference_m(belief, ramp, config)
+    at_m = reference_m(ramp, config)
     rates = [Value(float(belief.mean[i]), belief.sigma(i)) for i in range(States.SIZE)[States.RATES]]
     distance, lateral, height = (None if rate.sigma > MAX_SPEED_SIGMA_M_S else rate for rate in rates)
     return Track(

@@ -178,7 +178,7 @@ def _draw_town(atlas: Float32, scale: float, rng: Generator) -> None:
         cv2.fillPoly(atlas, [np.rint(corners * 8).astype(np.int32)], colour.tolist(), cv2.LINE_AA, shift=3)
 
 
-def draw_sky(viewer: GroundCamera, rays: Float32, textures: Sequence[Float32], rng: Generator) -> Float32:
+def draw_sky(rays: Float32, textures: Sequence[Float32], rng: Generator) -> Float32:
     """Colours (H, W, 3), 0..255, of the sky: a gradient, and clouds on a plane above."""
     up = rays[..., 2] / np.linalg.norm(rays, axis=2)
     horizon = rng.uniform(120, 250) * np.array([1 + rng.normal(0.0, 0.04), 1.0, 1 + rng.normal(0.03, 0.04)])

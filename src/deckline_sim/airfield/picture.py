@@ -110,7 +110,7 @@ def draw_surroundings(
     points = (viewer.position_m[:2] + rays[..., :2] * along[..., None]).astype(np.float32)
     footprint = along * length * (along / np.float32(viewer.position_m[2])) / np.float32(viewer.focal_px)
     colour, grass = draw_ground(viewer, points, footprint, textures, rng, at_sea)
-    image = np.where(ground[..., None], colour, draw_sky(viewer, rays, textures, rng))
+    image = np.where(ground[..., None], colour, draw_sky(rays, textures, rng))
     range_m = np.where(ground, along * length, np.float32(np.inf))
     _draw_relief(image, range_m, viewer, grass, rng)
     return image, points, range_m
