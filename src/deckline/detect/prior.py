@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from deckline.config import WIDEST_USUAL_M, RunwaySurvey
 from deckline.detect.crop import Box, box_around
-from deckline.geometry import Camera, grid_points, rotation_matrix
+from deckline.geometry import Camera, grid_points, intersect_plane, rotation_matrix
 from deckline.types import Detection, Frame, LineVisibility, RunwayEstimate, RunwayPrior
 
 Array = NDArray[np.float64]
@@ -61,11 +61,10 @@ def prior_from_box(frame: Frame, box: Box) -> RunwayPrior | None:
     if pose is None or frame.deck_z_m is None:
         return None
     middle = np.array([[(box[0] + box[2]) / 2, (box[1] + box[3]) / 2]])
-    ray = (frame.camera.rays(middle) @ rotation_matrix(pose).T)[0]
-    depth_m = frame.deck_z_m - pose.translation[2]
-    if not (depth_m > 0 and ray[2] > 0):  # False for NaN
+    place = intersect_plane(pose.translation, frame.camera.rays(middle) @ rotation_matrix(pose).T, frame.deck_z_m)[0]
+    if frame.deck_z_m <= pose.translation[2] or not np.isfinite(place).all():
         return None
-    ends = np.tile(pose.translation + ray * depth_m / ray[2], (2, 1))
+    ends = np.tile(place, (2, 1))
     return RunwayPrior(ends, ends, 0.0, 0.0)
 
 
