@@ -135,6 +135,15 @@ def test_a_new_track_beside_the_one_before_is_flagged_until_nobody_can_know():
     assert lose_and_find(60.0, aside_m=-8.0) == ()
 
 
+@pytest.mark.parametrize(("pictures", "is_flagged"), [(4, False), (20, True)])
+def test_only_a_track_old_enough_to_be_believed_contradicts_the_next_one(pictures, is_flagged):
+    tracker, rng = Tracker(CALM), np.random.default_rng(4)
+    for i in range(pictures):
+        advance(tracker, view(i / 10), seen(rng, aside_m=-30.0))
+    tracks = [advance(tracker, view(5.0 + i / 10), seen(rng)) for i in range(5)]
+    assert (Reason.OTHER_LINES in reasons(tracks[-1].flags)) is is_flagged
+
+
 def test_after_a_jump_of_the_pose_nothing_is_known_of_the_lines_before():
     tracker, rng = settled(CALM, seed=4)
     jump = RigidTransform.from_translation([0.0, 0.0, 300.0])
@@ -212,17 +221,25 @@ def test_a_line_that_comes_back_to_a_track_that_others_held_ends_its_flag():
     assert max(abs(width - widths[11]) for width in widths[18:]) < 1.0
 
 
-@pytest.mark.parametrize(("wrong_m", "lasts_s", "restarts"), [(4.0, 1.0, False), (0.2, 1.0, True), (0.2, 0.1, False)])
-def test_a_line_restarts_the_track_where_it_would_be_back_as_wrong_as_before(wrong_m, lasts_s, restarts):
-    lines, pose = seen(np.random.default_rng(0)).lines, Pose(np.array([-100.0, 0.0, -35.0]), np.zeros(3), np.zeros(3))
+def settled_on(lines, pose):
+    """The state of a track at 1 s that has seen the lines ten times."""
     state = initial_state(1.0, lines["left"], None, CALM)
     for _ in range(10):
         measurement = measure(state, lines, DepthMode.FINE, pose, CALM)
         state = update(state, measurement.innovation, measurement.design, measurement.noise)
+    return state
+
+
+@pytest.mark.parametrize(("moved_m", "lasts_s", "is_out"), [(0.0, 1.0, True), (4.0, 1.0, False), (0.0, 0.1, False)])
+def test_a_line_that_was_flagged_stays_out_until_it_moves_though_it_would_pass(moved_m, lasts_s, is_out):
+    lines, pose = seen(np.random.default_rng(0)).lines, Pose(np.array([-100.0, 0.0, -35.0]), np.zeros(3), np.zeros(3))
+    state = settled_on(lines, pose)
     measurement = measure(state, lines, DepthMode.FINE, pose, CALM)
-    gated = select_consistent(state, measurement, CALM.tracking.gate_sigma)
-    out = LeftOut(state.time_s - lasts_s, np.array([wrong_m, 0.0]))
-    assert FaultMonitor(left_out={Reason.RIGHT: out}).is_readmitted(state, measurement, gated, CALM) is restarts
+    assert select_consistent(state, measurement, CALM.tracking.gate_sigma).excluded == ()
+    before = measurement.innovation[measurement.rows("right")] + [moved_m, 0.0]
+    out = {Reason.RIGHT: LeftOut(state.time_s - lasts_s, before)}
+    gated = FaultMonitor(left_out=out).gate(state, measurement, CALM)
+    assert [diagnostic.reason for diagnostic in gated.excluded] == ([Reason.RIGHT] if is_out else [])
 
 
 def test_lines_that_drift_faster_than_a_ship_are_flagged():

@@ -66,6 +66,14 @@ def test_everything_elsewhere_leaves_nothing(settled):
     assert {diagnostic.reason for diagnostic in found.excluded} == {Reason.LEFT, Reason.RIGHT, Reason.HEIGHT}
 
 
+@pytest.mark.parametrize("kept_out", [{Reason.LEFT}, {Reason.LEFT, Reason.HEIGHT}])
+def test_what_is_kept_out_is_no_part_of_a_measurement_that_agrees(settled, kept_out):
+    state, pose, rng = settled
+    found = select_consistent(state, measure(state, seen(rng).lines, DepthMode.FINE, pose, KNOWN), 5.0, kept_out)
+    assert len(found.excluded) == 1
+    assert found.excluded[0].reason in kept_out
+
+
 def test_the_gate_is_as_rare_as_its_standard_deviations_state(settled):
     state, pose, rng = settled
     measured = measure(state, seen(rng).lines, DepthMode.FINE, pose, KNOWN)

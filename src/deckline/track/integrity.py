@@ -9,7 +9,14 @@ from deckline.config import RunConfig
 from deckline.geometry import wrap_angle
 from deckline.track.extent import Extent
 from deckline.track.filter import predict
-from deckline.track.measurement import NAMES, GatedMeasurement, Measurement, would_pass
+from deckline.track.measurement import (
+    NAMES,
+    GatedMeasurement,
+    Measurement,
+    has_returned,
+    is_consistent,
+    select_consistent,
+)
 from deckline.track.prior_tests import bias_flag, drift_flag
 from deckline.track.stated_width import WidthTest
 from deckline.track.states import FilterState, States
@@ -20,6 +27,7 @@ MIN_RESIDUALS = 10
 WHAT = dict(NAMES.values())  # may be left out, in words
 MAX_SPACING_SIGMA_M = 1.0  # of a track whose lines are compared with those of the next track
 COMPARABLE_SIGMA = 1.5  # times the sigma of a contradicted width, up to which another test may withdraw it
+RETURN_SIGMA = 3.0  # gate of a measurement of which a part was flagged as left out
 MIN_SPACING_M = 1.0  # below this left and right are swapped
 
 
@@ -54,23 +62,23 @@ class FaultMonitor:
                 squares, degrees = squares + gated.distance2, degrees + gated.degrees
         return replace(self, squares=squares, degrees=degrees, left_out=left_out)
 
-    def is_readmitted(
-        self, state: FilterState, measurement: Measurement, gated: GatedMeasurement, config: RunConfig
-    ) -> bool:
-        """Whether a measurement that was flagged as left out passes the gate again, and as wrong as before would too.
+    def gate(self, state: FilterState, measurement: Measurement, config: RunConfig) -> GatedMeasurement:
+        """The part of a measurement that may update the filter.
 
-        While it was left out the state's covariance grew, so that a measurement as wrong as before may pass, and its
-        earlier updates are still in the state: neither can be trusted. Where as wrong as before would not pass, what is
-        back agrees with a track that others held meanwhile.
+        What was flagged as left out comes back where it is at most half as far off as when last seen, and all agrees
+        well. While it is left out the state's covariance grows, until what is as wrong as before would pass the gate.
         """
-        out, sigma = {diagnostic.reason for diagnostic in gated.excluded}, config.tracking.gate_sigma
-        return any(
-            would_pass(state, measurement, reason, known.innovation, sigma)
-            for reason, known in self.left_out.items()
-            if reason in gated.measured
-            and reason not in out
-            and state.time_s - known.since_s >= config.integrity.persist_s
-        )
+        flagged = {reason for reason in self.left_out if self._is_flagged(reason, state.time_s, config)}
+        agrees = is_consistent(state, measurement, RETURN_SIGMA)
+        kept_out = {
+            reason
+            for reason in flagged & measurement.rows_by_reason().keys()
+            if not (agrees and has_returned(state, measurement, reason, self.left_out[reason].innovation))
+        }
+        return select_consistent(state, measurement, config.tracking.gate_sigma, kept_out)
+
+    def _is_flagged(self, reason: Reason, time_s: float, config: RunConfig) -> bool:
+        return time_s - self.left_out[reason].since_s >= config.integrity.persist_s
 
     def update_width(self, test: WidthTest | None, limit_sigma: float) -> "FaultMonitor":
         """After the first frame of a track: one that agrees with the stated width withdraws a contradiction.
@@ -118,8 +126,8 @@ class FaultMonitor:
         messages = {} if gated is None else {diagnostic.reason: diagnostic.message for diagnostic in gated.excluded}
         flags: list[Diagnostic | None] = []
         for reason, known in self.left_out.items():
-            lasts_s = time_s - known.since_s
-            if lasts_s >= config.integrity.persist_s:
+            if self._is_flagged(reason, time_s, config):
+                lasts_s = time_s - known.since_s
                 message = messages.get(reason, f"{WHAT[reason]} contradicted the track when last seen")
                 flags.append(Diagnostic(reason, f"{message}, for {lasts_s:.1f} s"))
         if state is not None:

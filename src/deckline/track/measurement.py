@@ -5,7 +5,7 @@ states of the filter; only the rest averages over frames. A line carries its sen
 it is modelled as a line through points that were each placed in the world alone.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -40,6 +40,10 @@ class Measurement:
         if name == "height":
             return list(range(2 * len(self.sides), len(self.innovation)))
         return [2 * self.sides.index(name) + i for i in (0, 1)]
+
+    def rows_by_reason(self) -> dict[Reason, list[int]]:
+        """Rows of what was measured, by the reason with which it is left out: LEFT, RIGHT, HEIGHT."""
+        return {NAMES[name][0]: self.rows(name) for name in (*self.sides, "height")}
 
     def subset(self, rows: list[int]) -> "Measurement":
         """The measurement with these rows alone; `sides` stay the same."""
@@ -181,7 +185,9 @@ NAMES = {
 }
 
 
-def select_consistent(state: FilterState, measurement: Measurement, gate_sigma: float) -> GatedMeasurement:
+def select_consistent(
+    state: FilterState, measurement: Measurement, gate_sigma: float, kept_out: Collection[Reason] = ()
+) -> GatedMeasurement:
     """Chi-square innovation gate: drop the one component whose removal makes the innovation consistent.
 
     One contradiction is assumed at most: each line and the height is left out in turn, and the rest that agrees best is
@@ -189,50 +195,54 @@ def select_consistent(state: FilterState, measurement: Measurement, gate_sigma: 
 
     Args:
         gate_sigma: standard deviations of a normal error with the same probability of being exceeded.
+        kept_out: of these one is left out even where all agree.
     """
     all_rows = list(range(len(measurement.innovation)))
-    distance2 = _distance2(state, measurement, all_rows)
+    distance2 = _distance2(state, measurement)
     names = (*measurement.sides, "height")
-    measured = {NAMES[name][0]: measurement.innovation[measurement.rows(name)] for name in names}
-    if distance2 <= chi2_gate(gate_sigma, len(all_rows)):
+    measured = {reason: measurement.innovation[rows] for reason, rows in measurement.rows_by_reason().items()}
+    if not kept_out and distance2 <= chi2_gate(gate_sigma, len(all_rows)):
         return GatedMeasurement(measurement, (), distance2, len(all_rows), measured)
     best: GatedMeasurement | None = None
     for name in names:
+        if kept_out and NAMES[name][0] not in kept_out:
+            continue
         rows = [row for row in all_rows if row not in measurement.rows(name)]
-        rest = _distance2(state, measurement, rows)
+        part = measurement.subset(rows)
+        rest = _distance2(state, part)
         # A line's direction can be right where its place is not; only the rest has to agree.
         if len(rows) > 1 and rest <= chi2_gate(gate_sigma, len(rows)) and (best is None or rest < best.distance2):
             left_out = (_deviation(measurement, name),)
-            best = GatedMeasurement(measurement.subset(rows), left_out, rest, len(rows), measured)
+            best = GatedMeasurement(part, left_out, rest, len(rows), measured)
     if best is not None:
         return best
     excluded = tuple(_deviation(measurement, name) for name in names)
     return GatedMeasurement(None, excluded, distance2, len(all_rows), measured)
 
 
-def would_pass(
-    state: FilterState, measurement: Measurement, reason: Reason, innovation: Array, gate_sigma: float
-) -> bool:
-    """Whether the measurement would be consistent if one component of it were as far off as `innovation`.
+def is_consistent(state: FilterState, measurement: Measurement, gate_sigma: float) -> bool:
+    """Whether all of a measurement passes the gate."""
+    return _distance2(state, measurement) <= chi2_gate(gate_sigma, len(measurement.innovation))
+
+
+def has_returned(state: FilterState, measurement: Measurement, reason: Reason, before: Array) -> bool:
+    """Whether a component of the measurement is at most half as far off as it was, by the state's covariance now.
 
     Args:
-        reason: LEFT, RIGHT or HEIGHT, of the component.
-        innovation: of that component; with other rows than now it cannot be compared, and would pass.
+        reason: LEFT, RIGHT or HEIGHT, of a component that was measured.
+        before: the innovation that it had; one of other rows cannot be compared, and has not returned.
     """
-    name = next(name for name, (known, _) in NAMES.items() if known is reason)
-    rows = measurement.rows(name)
-    if len(rows) != len(innovation):
-        return True
-    changed = measurement.innovation.copy()
-    changed[rows] = innovation
-    distance2 = _distance2(state, replace(measurement, innovation=changed), list(range(len(changed))))
-    return distance2 <= chi2_gate(gate_sigma, len(changed))
-
-
-def _distance2(state: FilterState, measurement: Measurement, rows: list[int]) -> float:
+    rows = measurement.rows_by_reason()[reason]
+    if len(rows) != len(before):
+        return False
     part = measurement.subset(rows)
-    variance = part.design @ state.covariance @ part.design.T + part.noise
-    return float(part.innovation @ np.linalg.solve(variance, part.innovation))
+    now2, before2 = (_distance2(state, replace(part, innovation=each)) for each in (part.innovation, before))
+    return now2 <= before2 / 4
+
+
+def _distance2(state: FilterState, measurement: Measurement) -> float:
+    variance = measurement.design @ state.covariance @ measurement.design.T + measurement.noise
+    return float(measurement.innovation @ np.linalg.solve(variance, measurement.innovation))
 
 
 def _deviation(measurement: Measurement, name: str) -> Diagnostic:

@@ -87,6 +87,11 @@ def is_drift_known(state: FilterState, config: RunConfig) -> bool:
     return share > 0.0 and variance / share <= KNOWN_DRIFT_SIGMA_M_S**2
 
 
+def is_young(state: FilterState, age_s: float, config: RunConfig) -> bool:
+    """Whether a track is too young to show contradictions."""
+    return age_s < config.integrity.persist_s or not is_drift_known(state, config)
+
+
 def drift_flag(state: FilterState, config: RunConfig) -> Diagnostic | None:
     """A flag for lines that move sideways faster than a ship can, as they seem to where the camera is turned in yaw."""
     drift, sigma = float(state.mean[States.DRIFT]), float(np.sqrt(state.covariance[States.DRIFT, States.DRIFT]))
@@ -165,7 +170,7 @@ def unverified_reasons(
         tests: by `prior_tests`.
         yaw_rad: by `undetected_yaw`.
     """
-    young = age_s < config.integrity.persist_s or not is_drift_known(state, config)
+    young = is_young(state, age_s, config)
     errors = tests.biases / tests.sigmas
     unlikely = bool(len(errors)) and _joint_significance(errors) < config.integrity.doubt_risk
     is_unbounded = yaw_rad is None and not young

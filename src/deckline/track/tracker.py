@@ -10,11 +10,12 @@ from deckline.track.extent import move_ramp_to_deck, runway_prior, update_extent
 from deckline.track.filter import predict, shift_reference, track_lines, update
 from deckline.track.forecast import Forecast, TrackMemory, describe_track
 from deckline.track.integrity import FaultMonitor, check_order
-from deckline.track.measurement import GatedMeasurement, Measurement, measure, select_consistent
-from deckline.track.motion import Aircraft, advance_aircraft, start_aircraft
+from deckline.track.measurement import GatedMeasurement, Measurement, measure
+from deckline.track.motion import advance_aircraft, start_aircraft
+from deckline.track.prior_tests import is_young
 from deckline.track.protection import fault_gains
 from deckline.track.stated_width import compare_width
-from deckline.track.states import SENSOR_FLOOR, initial_state
+from deckline.track.states import SENSOR_FLOOR, FilterState, initial_state
 from deckline.trackers import CORRELATION_TIME_S, NEW_FLIGHT_S, UNUSABLE
 from deckline.types import (
     SIDES,
@@ -186,16 +187,12 @@ class Tracker:
         context = FrameContext(frame, estimate, lines, prediction.step_s, flags, diagnostics, frames)
         return self._continue_track(prediction.memory, context)
 
-    def _start_track(self, context: FrameContext, aircraft: Aircraft | None = None) -> Track:
-        """A new track where both lines are seen: one alone may be any line of the deck.
-
-        Args:
-            aircraft: whose motion is known from before; None: its pose is all that is known.
-        """
-        before, self._memory = self._memory, None
-        self._faults = self._faults.restart(None if before is None else before.state, self.config)
+    def _start_track(self, context: FrameContext) -> Track:
+        """A new track where both lines are seen: one alone may be any line of the deck."""
+        self._faults = self._faults.restart(_comparable(self._memory, self.config), self.config)
+        self._memory = None
         frame, lines = context.frame, context.lines
-        aircraft = aircraft or start_aircraft(frame, self.config.sensors.position_white_m)
+        aircraft = start_aircraft(frame, self.config.sensors.position_white_m)
         if len(lines) < len(SIDES) or aircraft is None:
             return _lost_track(context, None, context.flags)
         line = context.estimate.lines.get("centre") or lines["left"]
@@ -203,6 +200,7 @@ class Tracker:
         visible = visible_extent(frame, context.estimate, bare)
         near = context.estimate.ramp_m if visible is None else bare.point_m + visible[0] * bare.along
         state = initial_state(frame.time_s, line, near, self.config)
+        self._faults = self._faults.forget()
         return self._continue_track(
             TrackMemory(state, aircraft, None, -np.inf, frame.time_s, frame.time_s, frame.camera), context
         )
@@ -213,11 +211,7 @@ class Tracker:
         pose, gated = memory.aircraft.camera_pose(context.frame), None
         if pose is not None and context.lines:
             measurement = measure(memory.state, context.lines, context.estimate.mode, pose, config)
-            gated = select_consistent(memory.state, measurement, config.tracking.gate_sigma)
-            if self._faults.is_readmitted(memory.state, measurement, gated, config):
-                self._faults = self._faults.forget()
-                back = _restart("a measurement that was left out is back")
-                return self._start_track(replace(context, diagnostics=(*context.diagnostics, back)), memory.aircraft)
+            gated = self._faults.gate(memory.state, measurement, config)
             if memory.start_s == time_s and (flags := self._start_flags(memory, measurement, gated, context)):
                 return _lost_track(context, gated, context.flags + flags)
         self._faults = self._faults.update(gated, time_s, context.step_s, config)
@@ -227,7 +221,7 @@ class Tracker:
         if unseen_s > coast_s + ROUNDING_S or inconsistent_s > config.tracking.reacquire_s + ROUNDING_S:
             self._memory = None
             if np.isfinite(memory.seen_s):
-                self._faults = self._faults.restart(memory.state, config)
+                self._faults = self._faults.restart(_comparable(memory, config), config)
             flags = context.flags + self._faults.active_flags(gated, None, None, None, time_s, config)
             return _lost_track(context, gated, flags)
         self._memory = memory
@@ -253,9 +247,7 @@ class Tracker:
         limit = CAUSE_SIGMA if gated.excluded else self.config.integrity.alarm_sigma
         self._faults = self._faults.update_width(width, limit)
         flag = None if width is None else width.flag(limit)
-        flags = gated.excluded if flag is None else (flag,)
-        self._faults = self._faults.forget() if flags else self._faults
-        return flags
+        return gated.excluded if flag is None else (flag,)
 
     def _update_memory(self, memory: TrackMemory, gated: GatedMeasurement | None, context: FrameContext) -> TrackMemory:
         """The memory after the part of the measurement that passed the gate."""
@@ -304,6 +296,13 @@ def ship_velocity(prediction: Prediction | None, config: RunConfig) -> Array:
     if memory is None or memory.extent is None or memory.extent.speed.sigma > MAX_SPEED_SIGMA_M_S:
         return np.zeros(2)
     return np.asarray(memory.extent.speed_m_s * memory.state.along[:2])
+
+
+def _comparable(memory: TrackMemory | None, config: RunConfig) -> FilterState | None:
+    """The state of an ended track that the next one must agree with; None: it was too young to be believed itself."""
+    if memory is None or is_young(memory.state, memory.seen_s - memory.start_s, config):
+        return None
+    return memory.state
 
 
 def _lost_track(context: FrameContext, gated: GatedMeasurement | None, flags: Diagnostics) -> Track:
