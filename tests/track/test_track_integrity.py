@@ -348,7 +348,7 @@ def test_a_first_frame_that_contradicts_the_stated_width_begins_no_track(ahead_m
     assert numbers_in(track.flags[0].message) == pytest.approx([15.0, 26.0], abs=0.3)
 
 
-def test_a_contradicted_width_is_withdrawn_by_a_comparable_test_alone():
+def test_a_contradicted_width_is_withdrawn_by_a_test_that_would_have_shown_it():
     wrong, right, blunt = (
         WidthTest(*spacing, DepthMode.COARSE) for spacing in ((26, 15, 1), (15.5, 15, 1.2), (17, 15, 3))
     )
@@ -358,6 +358,9 @@ def test_a_contradicted_width_is_withdrawn_by_a_comparable_test_alone():
     assert contradicted.restart(None, KNOWN).contradiction is wrong
     assert contradicted.update_width(None, 5.0).contradiction is wrong
     assert contradicted.update_width(right, 5.0).contradiction is None
+    less_sharp, between = WidthTest(15.2, 15, 1.8, DepthMode.COARSE), WidthTest(21, 15, 1.3, DepthMode.COARSE)
+    assert contradicted.update_width(less_sharp, 5.0).contradiction is None
+    assert contradicted.update_width(between, 5.0).contradiction is wrong, "it agrees with both"
     state = initial_state(0.0, LINE, None, KNOWN)
     assert reasons(contradicted.active_flags(None, state, None, None, 5.0, KNOWN)) == [Reason.SPACING]
 

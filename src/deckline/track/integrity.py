@@ -26,7 +26,6 @@ Array = NDArray[np.float64]
 MIN_RESIDUALS = 10
 WHAT = dict(NAMES.values())  # may be left out, in words
 MAX_SPACING_SIGMA_M = 1.0  # of a track whose lines are compared with those of the next track
-COMPARABLE_SIGMA = 1.5  # times the sigma of a contradicted width, up to which another test may withdraw it
 RETURN_SIGMA = 3.0  # gate of a measurement of which a part was flagged as left out
 MIN_SPACING_M = 1.0  # below this left and right are swapped
 
@@ -81,9 +80,10 @@ class FaultMonitor:
         return time_s - self.left_out[reason].since_s >= config.integrity.persist_s
 
     def update_width(self, test: WidthTest | None, limit_sigma: float) -> "FaultMonitor":
-        """After the first frame of a track: one that agrees with the stated width withdraws a contradiction.
+        """After the first frame of a track: one that agrees with the stated width may withdraw a contradiction.
 
-        From a smaller height the same width agrees with more, so a much weaker test withdraws nothing.
+        It does where it contradicts the spacing that was found before. From a smaller height one spacing agrees with
+        more: a test that would agree with that spacing as well withdraws nothing.
         """
         if test is None:
             return self
@@ -91,7 +91,7 @@ class FaultMonitor:
         if test.flag(limit_sigma) is not None:
             is_sharper = known is None or test.sigma_m < known.sigma_m
             return replace(self, contradiction=test) if is_sharper else self
-        is_withdrawn = known is not None and test.sigma_m <= COMPARABLE_SIGMA * known.sigma_m
+        is_withdrawn = known is not None and abs(test.spacing_m - known.spacing_m) > limit_sigma * test.sigma_m
         return replace(self, contradiction=None) if is_withdrawn else self
 
     def forget(self) -> "FaultMonitor":
