@@ -43,7 +43,7 @@ EXAMPLES = {
         "deckline eval ablation data --out ablation --steps 3000",
         "deckline eval ablation data --out ablation --minutes 60",
     ),
-    "deckline eval joined": ("deckline eval joined", "deckline eval joined --approaches 4 --visibility 1500"),
+    "deckline eval joined": ("deckline eval joined", "deckline eval joined --visibility 300 200 --range-m 200"),
     "deckline eval localization": (
         "deckline eval localization --points --approaches 20",
         "deckline eval localization --approaches 4 --out table6",

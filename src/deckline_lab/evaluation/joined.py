@@ -1,4 +1,4 @@
-"""`deckline eval joined`: what one view of several frames sees of a far runway in haze that one frame does not."""
+"""`deckline eval joined`: what one view of several frames sees of a runway in haze that one frame does not."""
 
 import time
 from dataclasses import dataclass, replace
@@ -22,7 +22,7 @@ from deckline_lab.evaluation.metrics import distance_px
 from deckline_lab.evaluation.tables import TO_TERMINAL, Figures, Output, Table, number, publish
 from deckline_lab.evaluation.visible_distance import RIGHT_PX
 
-FAR_M, NEAR_M = 1270.0, 1235.0  # of the ramp: the first and last frame of an approach
+SPAN_M = 35.0  # flown from the first to the last frame of an approach
 SIZE = (640, 360)  # of the pictures, px: the middle of 1280x720 px of 90 degrees
 FOV_DEG = float(np.rad2deg(2 * np.arctan(0.5)))
 SEED = 1000  # of the first approach
@@ -51,24 +51,28 @@ def joined(
     frames: int = 8,
     visibility: tuple[float, ...] = (3000.0, 2000.0, 1500.0, 1000.0),
     noise: float = 2.0,
+    range_m: float = 1235.0,
     figure: Path | None = None,
     output: Output = TO_TERMINAL,
 ) -> int:
-    """Measure what several frames joined show of a carrier at 1.24 km, with still and moving deck and pose noise.
+    """Measure what several frames joined show of a carrier, with still and moving deck and pose noise.
 
     Args:
         approaches: how many, each with its own light and sea.
         frames: of each, over 35 m.
         visibility: metres at 2 % contrast.
         noise: 1-sigma of the camera's noise, grey levels.
+        range_m: of the ramp in the last frame, m.
         figure: write a picture of one frame, the joined ones and the view without haze, one row a visibility.
         output: files of the results.
     """
     if approaches < 1 or frames < 2:
         raise ValueError(f"--approaches must be 1 or more and --frames 2 or more, got {approaches} and {frames}")
+    if not range_m > 0:
+        raise ValueError(f"--range-m must be positive, got {range_m:g}")
     detector = DETECTORS["hybrid"](Engine(threads=1))
     assert isinstance(detector, SearchingDetector)
-    rendered = {sea: [_render(SEED + k, frames, sea) for k in range(approaches)] for sea in (0.0, 5.0)}
+    rendered = {sea: [_render(SEED + k, frames, sea, range_m) for k in range(approaches)] for sea in (0.0, 5.0)}
     rows, figures = [], Figures()
     for metres in visibility:
         for case, (sea, jitter_px) in CASES.items():
@@ -78,14 +82,15 @@ def joined(
             figures |= {f"{metres:g}.{case}.{name}": value for name, value in found.items()}
             rows.append((f"{metres:g} m", case, *(number(value, _form(name)) for name, value in found.items())))
     columns = ("visibility", "", *found)
-    title = f"preset cvn, {approaches} approaches, {frames} frames from {FAR_M:g} to {NEAR_M:g} m, noise {noise:g}"
+    flown = f"{frames} frames from {range_m + SPAN_M:g} to {range_m:g} m"
+    title = f"preset cvn, {approaches} approaches, {flown}, noise {noise:g}"
     publish(title, [Table("one frame and several", columns, rows)], figures, output, [NOTES])
     if figure is not None:
         _draw(detector, [_hazed(rendered[0.0][0], metres, noise, 0.0, 0) for metres in visibility], figure)
     return 0
 
 
-def _render(seed: int, frames: int, sea_state: float) -> list[Frame]:
+def _render(seed: int, frames: int, sea_state: float, range_m: float) -> list[Frame]:
     """An approach with its clear pictures and the depth of every pixel, without noise."""
     with needs_extra("sim"):
         from deckline_sim import SimConfig
@@ -99,8 +104,8 @@ def _render(seed: int, frames: int, sea_state: float) -> list[Frame]:
         width=SIZE[0],
         height=SIZE[1],
         fov_deg=FOV_DEG,
-        start_m=FAR_M,
-        end_m=NEAR_M,
+        start_m=range_m + SPAN_M,
+        end_m=range_m,
         motion=MotionConfig(sea_state),
         depth=DepthConfig(float("inf")),
         sensor=SensorConfig(noise=0.0, electrons=0),
