@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 MIN_RESIDUALS = 10
 WHAT = dict(NAMES.values())  # may be left out, in words
 MAX_SPACING_SIGMA_M = 1.0  # of a track whose lines are compared with those of the next track
+CHANGE_SIGMA = 4.0  # flags a new track against the one before; few tracks end, so that false alarms are rare
 RETURN_SIGMA = 3.0  # gate of a measurement of which a part was flagged as left out
 MIN_SPACING_M = 1.0  # below this left and right are swapped
 
@@ -182,7 +183,7 @@ def _change_flag(
     own = state.covariance[compared, compared]
     sigmas = np.sqrt(np.einsum("ij,jk,ik->i", design, before.covariance, design) + own)
     worst = int(np.argmax(np.abs(changes) / sigmas))
-    if abs(changes[worst]) <= config.integrity.alarm_sigma * sigmas[worst]:
+    if abs(changes[worst]) <= CHANGE_SIGMA * sigmas[worst]:
         return None
     if worst == 2:
         message = f"the lines are {state.mean[States.SPACING]:.1f} m apart and were {spacing:.1f} m apart before"
