@@ -275,13 +275,11 @@ class Engine:
         device: `cpu`: ONNX Runtime; `openvino`: OpenVINO on the processor; `cuda`, `tensorrt`: ONNX Runtime on a GPU.
         threads: of the processor; None: one for every core that this process may use.
         precision: of the arithmetic. `bf16` needs OpenVINO and a processor that has it; it is refused on another.
-        spins: ONNX Runtime's idle threads spin between operators: faster where nothing else runs; not in `run`, `live`.
     """
 
     device: Device = "cpu"
     threads: int | None = None
     precision: Precision = "f32"
-    spins: bool = True
 
     def __post_init__(self) -> None:
         check_choice("engine.device", self.device, Device)

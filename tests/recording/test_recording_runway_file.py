@@ -59,8 +59,7 @@ def test_the_file_and_the_options_override_the_recording(folder, tmp_path, capsy
     assert main([*command, str(tmp_path / "overridden"), *options]) == 0
     stated, overridden = (read_config(RunConfig, tmp_path / name / "run.toml") for name in ("stated", "overridden"))
     base = RunOptions(detector="ufld", dehazer="none").run_config()
-    drawn_beside = replace(base.engine, spins=False)
-    assert stated == replace(base, engine=drawn_beside, deck=Deck(width_m=20.0), approach=Approach(touchdown_m=80.0))
+    assert stated == replace(base, deck=Deck(width_m=20.0), approach=Approach(touchdown_m=80.0))
     assert overridden == replace(stated, approach=Approach(5.0, 90.0))
 
 

@@ -164,11 +164,6 @@ def test_odometry_of_another_body_is_refused(robot, body, is_taken):
         assert all("'imu_link'" in line and "'base_link'" in line for line in robot.node.lines) and robot.node.lines
 
 
-def test_the_networks_threads_sleep_as_those_of_live(robot):
-    robot.start()
-    assert not robot.node._flight.config.engine.spins
-
-
 @pytest.mark.parametrize(("asked", "edges"), [(False, None), (True, {(WORLD, "deck")})])
 def test_tf_has_the_deck_alone_and_on_request(robot, asked, edges):
     robot.node.values["publish_tf"] = asked

@@ -1,7 +1,6 @@
 """`deckline demo` and `run`. Optional parts are imported inside the command that needs them."""
 
 import zipfile
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -29,7 +28,7 @@ def demo(out: Path = Path("demo-out")) -> int:
     recording = out / "approach"
     own = recording.exists()
     source = unpack_sample(recording)
-    with _open_flight(source.base_config or RunConfig()) as flight:
+    with Flight.from_config(source.base_config or RunConfig()) as flight:
         return _run(source, flight, out, overwrite=own)
 
 
@@ -86,15 +85,10 @@ def run(
         opened = select_frames(recording, every, start, duration)
         config = opening.place_poses(options.run_config(opened.base_config))
     with (
-        _open_flight(config) as flight,
+        Flight.from_config(config) as flight,
         watching.open(source, config, is_live=False, overwrite=overwrite) as views,
     ):
         return _run(opened, flight, out, max_frames=max_frames, resume=resume, overwrite=overwrite, views=views)
-
-
-def _open_flight(config: RunConfig) -> Flight:
-    """A flight whose networks' idle threads sleep: the film is drawn beside it."""
-    return Flight.from_config(replace(config, engine=replace(config.engine, spins=False)))
 
 
 def _run(source: Source, flight: Flight, out: Path, **how: Any) -> int:

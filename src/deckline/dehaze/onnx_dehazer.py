@@ -85,7 +85,7 @@ class OnnxDehazer:
         without_pose: Dehazer | None = None,
     ) -> None:
         self.name = name or Path(path).name
-        self.session = load_session(path, replace(engine, spins=False))  # a detector runs beside it
+        self.session = load_session(path, engine)
         config = self.session.config
         if config.get("kind") != "dehaze":
             raise ValueError(

@@ -78,13 +78,8 @@ class End:
 
 
 def live_config(config: RunConfig) -> RunConfig:
-    """The same as live flight needs it.
-
-    The network's threads sleep between operators: capture, localization and outputs need the cores. No single picture
-    is searched whole at once: its answer would be a second old.
-    """
-    engine, tracking = replace(config.engine, spins=False), replace(config.tracking, first_at_once=False)
-    return replace(config, engine=engine, tracking=tracking)
+    """The same, but no picture is searched whole at once: its answer would be a second old."""
+    return replace(config, tracking=replace(config.tracking, first_at_once=False))
 
 
 class LiveSession:

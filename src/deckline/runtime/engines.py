@@ -106,7 +106,7 @@ def open_onnxruntime(path: Path, engine: Engine = CPU, optimised: bool = True) -
     if not optimised:
         options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_DISABLE_ALL
     options.intra_op_num_threads = engine.threads or usable_cores()
-    options.add_session_config_entry("session.intra_op.allow_spinning", str(int(engine.spins)))
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")  # decoding, films, outputs need the cores
     _limit_memory()
     options.add_session_config_entry("session.use_env_allocators", "1")
     provider = PROVIDERS.get(engine.device, PROCESSOR)

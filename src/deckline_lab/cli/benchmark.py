@@ -49,11 +49,10 @@ def benchmark(
         chosen = select_frames(opened, every, start, duration)
         config = options.run_config(opened.base_config)
         flight = flight_from_config(config)
+        networks: dict[str, Any] = {"dehazer": flight.dehazer, "detector": flight.detector}
         whole = measure.measure_file(chosen, flight, folder / "film.mp4")
-        sleeping = flight_from_config(live_config(config))
-        drawn = Flight.from_config(config, dehazer=sleeping.dehazer, detector=sleeping.detector)
-        run_rate = measure.measure_run(chosen, drawn, folder / "run")
-        live, progress = measure.measure_live(chosen, sleeping)
+        run_rate = measure.measure_run(chosen, Flight.from_config(config, **networks), folder / "run")
+        live, progress = measure.measure_live(chosen, Flight.from_config(live_config(config), **networks))
         passes, notes = _measure_passes(flight.detector, peer, config.engine, folder)
     file_figures, live_figures = whole.figures(), live.figures() | asdict(progress)
     guided = whole.seconds[measure.GUIDANCE]

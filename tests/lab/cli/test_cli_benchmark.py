@@ -18,7 +18,7 @@ def test_every_stage_of_both_modes_is_measured_beside_the_peer(tmp_path: Path) -
     out = tmp_path / "profile.json"
     assert main([*SHORT, "--peer", str(shipped_weights("ufld")), "--out", str(out)]) == 0
     figures = json.loads(out.read_text())
-    assert figures["engine"] == {"device": "cpu", "threads": 1, "precision": "f32", "spins": True}
+    assert figures["engine"] == {"device": "cpu", "threads": 1, "precision": "f32"}
     stages = figures["file"]["stages"]
     assert set(stages) == {*ANSWER, *FILM, GUIDANCE}
     for each in (*stages.values(), *figures["live"]["stages"].values()):
