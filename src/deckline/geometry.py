@@ -227,9 +227,9 @@ def pose(translation_m: ArrayLike, quaternion_wxyz: ArrayLike) -> RigidTransform
     return RigidTransform.from_components(translation, Rotation.from_quat(quaternion, scalar_first=True))
 
 
-def attitude(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Rotation:
-    """world_from_body of aerospace Euler angles: yaw about down, then pitch up, then roll right."""
-    return Rotation.from_euler("ZYX", [yaw_rad, pitch_rad, roll_rad])
+def attitude(roll_rad: ArrayLike, pitch_rad: ArrayLike, yaw_rad: ArrayLike) -> Rotation:
+    """world_from_body of aerospace Euler angles (each () or (N,)): yaw about down, then pitch up, then roll right."""
+    return Rotation.from_euler("ZYX", np.transpose([yaw_rad, pitch_rad, roll_rad]))
 
 
 def rotation_matrix(pose: RigidTransform) -> NDArray[np.float64]:

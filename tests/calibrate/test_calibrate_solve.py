@@ -8,7 +8,7 @@ from drawn_approach import CONFIG, MOUNT, STATED, Drawn, Off, draw_approach
 from scipy.stats import chi2
 
 from deckline.calibrate import Outcome, describe, solve, write_calibration
-from deckline.calibrate.model import CAMERA_NAMES
+from deckline.calibrate.model import CAMERA_NAMES, SCALES, jacobian_px, residuals_px, start_state
 from deckline.config import RunConfig
 from deckline.options import read_run_config
 from deckline.recording.camera_file import read_camera_file
@@ -63,6 +63,20 @@ def test_uncertainties_hold_over_seeds():
         degrees += len(chosen)
     assert degrees >= 12 * 5
     assert degrees / 4 < total < chi2.ppf(0.999, degrees)
+
+
+def test_states_and_disturbances_in_a_stack_have_the_residuals_that_each_has_alone():
+    view = draw_approach(Drawn(TURNED, 4, distortion=LENS))
+    reference, _, state = start_state(view, CONFIG)
+    rng = np.random.default_rng(0)
+    states = state + SCALES * rng.normal(0, 1, (4, 13))
+    disturbances = rng.normal(0, 0.01, (4, len(view.times_s), 10))
+    stacked = residuals_px(view, reference, states, disturbances)
+    alone = [residuals_px(view, reference, states[[k]], disturbances[[k]])[0] for k in range(4)]
+    np.testing.assert_allclose(stacked, alone, rtol=0, atol=1e-8)
+    step = 1e-3 * SCALES * rng.normal(0, 1, 13)
+    change = np.diff(residuals_px(view, reference, np.array([state - step, state + step])), axis=0)[0]
+    np.testing.assert_allclose(change, 2 * jacobian_px(view, reference, state) @ step, rtol=0, atol=1e-3)
 
 
 def test_distorted_pictures_are_calibrated_alike():

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from deckline.calibrate.model import CAMERA_NAMES, DELAY, FOCAL, NAMES, PITCH, ROLL, apply_camera, mount_of
+from deckline.calibrate.model import CAMERA_NAMES, DELAY, FOCAL, NAMES, PITCH, ROLL, camera_of, mount_of
 from deckline.calibrate.observations import ApproachView
 from deckline.calibrate.solve import INSEPARABLE, Calibration, Outcome
 from deckline.config import RunConfig
@@ -74,7 +74,7 @@ def write_calibration(
         pose_offset_s: as in `describe`.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    camera = apply_camera(view, calibration.state)[0]
+    camera = camera_of(view, calibration.state)
     texts = {
         CAMERA_FILE: format_camera(camera, mount_of(view, calibration.state), view.heights),
         CONFIG_FILE: format_config(calibration, config, pose_offset_s),

@@ -20,6 +20,10 @@ CAMERA_NAMES = ("roll", "pitch", "yaw", "focal length", "cx", "cy", "delay")
 RUNWAY_NAMES = ("line offset", "line azimuth", "line drift", "line spacing", "line angle", "deck height")
 NAMES = CAMERA_NAMES + RUNWAY_NAMES
 ROLL, PITCH, YAW, FOCAL, CX, CY, DELAY, OFFSET, AZIMUTH, DRIFT, SPACING, ANGLE, HEIGHT = range(len(NAMES))
+# Typical sizes (13,) that make the unknowns alike: rad, share, px, s, m, rad, m/s, m, rad, m.
+SCALES = np.array([0.01, 0.01, 0.01, 0.01, 10.0, 10.0, 0.01, 1.0, 0.01, 1.0, 1.0, 0.01, 1.0])
+STEP_SHARE = 1e-4  # of them, for numeric derivatives
+OPTICS = [FOCAL, CX, CY]
 DISTURBANCES = ("attitude x", "attitude y", "attitude z", "x", "y", "z", "heave", "deck pitch", "deck roll", "turn")
 
 # 1-sigma of what is stated of a camera that was never calibrated; our choice, far wider than `config.sensors`.
@@ -54,72 +58,82 @@ class Prior:
     sigma: Array
 
 
-def apply_camera(view: ApproachView, state: Array) -> tuple[Camera, Rotation]:
-    """The camera, and body_from_camera, that a state (13,) stands for."""
+def camera_of(view: ApproachView, state: Array) -> Camera:
+    """The camera that a state (13,) stands for."""
     scale, camera = float(np.exp(state[FOCAL])), view.camera
-    moved = replace(
+    return replace(
         camera, fx=camera.fx * scale, fy=camera.fy * scale, cx=camera.cx + state[CX], cy=camera.cy + state[CY]
     )
-    return moved, attitude(*state[[ROLL, PITCH, YAW]]) * view.body_from_camera.rotation
 
 
 def mount_of(view: ApproachView, state: Array) -> RigidTransform:
     """body_from_camera with the state's turn."""
-    return RigidTransform.from_components(view.body_from_camera.translation, apply_camera(view, state)[1])
+    turned = attitude(*state[[ROLL, PITCH, YAW]]) * view.body_from_camera.rotation
+    return RigidTransform.from_components(view.body_from_camera.translation, turned)
 
 
-def residuals_px(view: ApproachView, reference: Reference, state: Array, disturbances: Array | None = None) -> Array:
-    """Residuals (M + 2 H,), px: points normal to their lines, then the horizons' rows and their slopes over the width.
+def residuals_px(view: ApproachView, reference: Reference, states: Array, disturbances: Array | None = None) -> Array:
+    """Residuals (K, M + 2 H), px: of points normal to their lines, then of the horizons' rows, and slopes times width.
 
     Args:
-        state: (13,).
-        disturbances: (N, 10) of each frame in the order of DISTURBANCES; None: none. Attitude, rad, about world axes;
-            position and heave, m; the deck's slopes, and the turn of the lines, rad, about the reference.
+        states: (K, 13).
+        disturbances: (K, N, 10) of each frame in the order of DISTURBANCES; None: none. Attitude, rad, about world
+            axes; position and heave, m; the deck's slopes, and the turn of the lines, rad, about the reference.
     """
-    camera, mount = apply_camera(view, state)
-    extra = np.zeros((len(view.times_s), len(DISTURBANCES))) if disturbances is None else disturbances
-    positions, bodies = view.poses.at(view.times_s + state[DELAY])
-    bodies = Rotation.from_rotvec(extra[:, :3]) * bodies
-    centres = positions + bodies.apply(view.body_from_camera.translation) + extra[:, 3:6]
-    world_from_camera = bodies * mount
-    lines = _line_residuals(view, reference, state, extra, camera, centres, world_from_camera)
-    return np.concatenate([lines, _horizon_residuals(view, camera, world_from_camera)])
+    shape = (len(states), len(view.times_s))
+    extra = np.zeros((*shape, len(DISTURBANCES))) if disturbances is None else disturbances
+    delays, which = np.unique(states[:, DELAY], return_inverse=True)
+    positions, attitudes = view.poses.at((view.times_s + delays[:, None]).ravel())
+    world_from_body = attitudes.as_matrix().reshape(len(delays), -1, 3, 3)[which]
+    if disturbances is not None:
+        turns = Rotation.from_rotvec(disturbances[..., :3].reshape(-1, 3))
+        world_from_body = turns.as_matrix().reshape(*shape, 3, 3) @ world_from_body
+    centres = world_from_body @ view.body_from_camera.translation
+    centres += positions.reshape(len(delays), -1, 3)[which] + extra[..., 3:6]
+    mounts = attitude(*states[:, [ROLL, PITCH, YAW]].T) * view.body_from_camera.rotation
+    world_from_camera = world_from_body @ mounts.as_matrix()[:, None]
+    lines = _line_residuals(view, reference, states, extra, centres, world_from_camera)
+    return np.concatenate([lines, _horizon_residuals(view, states, world_from_camera)], axis=1)
+
+
+def jacobian_px(view: ApproachView, reference: Reference, state: Array) -> Array:
+    """Derivatives (R, 13) of the residuals at a state (13,), by central differences."""
+    steps = np.diag(STEP_SHARE * SCALES)
+    upper, lower = np.split(residuals_px(view, reference, np.concatenate([state + steps, state - steps])), 2)
+    return np.asarray((upper - lower).T / (2 * STEP_SHARE * SCALES))
 
 
 def _line_residuals(
-    view: ApproachView,
-    reference: Reference,
-    state: Array,
-    extra: Array,
-    camera: Camera,
-    centres: Array,
-    world_from_camera: Rotation,
+    view: ApproachView, reference: Reference, states: Array, extra: Array, centres: Array, world_from_camera: Array
 ) -> Array:
     frame = view.frame
     sign = np.where(view.side == 0, -0.5, 0.5)
-    azimuth = reference.azimuth_rad + state[AZIMUTH] + sign * state[ANGLE] + extra[frame, 9]
-    middle = reference.azimuth_rad + state[AZIMUTH]
-    right = np.array([-np.sin(middle), np.cos(middle), 0.0])
-    aside = state[OFFSET] + sign * state[SPACING] + state[DRIFT] * (view.times_s[frame] - reference.time_s)
-    points = reference.point_m + aside[:, None] * right
-    points[:, 2] = reference.deck_z_m[frame] + state[HEIGHT] + extra[frame, 6] + extra[frame, 8] * sign * state[SPACING]
-    along = np.column_stack([np.cos(azimuth), np.sin(azimuth), extra[frame, 7]])
-    normals = world_from_camera[frame].inv().apply(np.cross(along, points - centres[frame]))
-    rays = camera.rays(view.points_px)
-    slopes = np.hypot(normals[:, 0] / camera.fx, normals[:, 1] / camera.fy)
-    return np.asarray((normals * rays).sum(axis=1) / slopes)
+    middle = reference.azimuth_rad + states[:, [AZIMUTH]]
+    azimuth = middle + sign * states[:, [ANGLE]] + extra[:, frame, 9]
+    apart = sign * states[:, [SPACING]]
+    aside = states[:, [OFFSET]] + apart + states[:, [DRIFT]] * (view.times_s[frame] - reference.time_s)
+    down = reference.deck_z_m[frame] + states[:, [HEIGHT]] + extra[:, frame, 6] + extra[:, frame, 8] * apart
+    x, y = reference.point_m[0] - np.sin(middle) * aside, reference.point_m[1] + np.cos(middle) * aside
+    along = np.stack([np.cos(azimuth), np.sin(azimuth), extra[:, frame, 7]], axis=-1)
+    planes = np.cross(along, np.stack([x, y, down], axis=-1) - centres[:, frame])
+    normals = np.einsum("kmji,kmj->kmi", world_from_camera[:, frame], planes)
+    optics, which = np.unique(states[:, OPTICS], axis=0, return_inverse=True)
+    cameras = [camera_of(view, states[np.argmax(which == number)]) for number in range(len(optics))]
+    rays = np.array([camera.rays(view.points_px) for camera in cameras])[which]
+    scale = np.exp(states[:, [FOCAL]])
+    slopes = np.hypot(normals[..., 0] / (view.camera.fx * scale), normals[..., 1] / (view.camera.fy * scale))
+    return np.asarray((normals * rays).sum(axis=-1) / slopes)
 
 
-def _horizon_residuals(view: ApproachView, camera: Camera, world_from_camera: Rotation) -> Array:
-    frame = view.horizon_frame
-    if not len(frame):
-        return np.zeros(0)
-    down = world_from_camera[frame].inv().apply([0.0, 0.0, 1.0])
-    aside = ((camera.width - 1) / 2 - camera.cx) / camera.fx
-    tilt = -(down[:, 2] + down[:, 0] * aside - np.tan(view.dip_rad[frame])) / down[:, 1]
-    rows = view.horizons[:, 0] - (camera.cy + camera.fy * tilt)
-    slopes = view.horizons[:, 2] + down[:, 0] / down[:, 1] * (camera.fy / camera.fx)
-    return np.concatenate([rows, slopes * camera.width])
+def _horizon_residuals(view: ApproachView, states: Array, world_from_camera: Array) -> Array:
+    frame, camera = view.horizon_frame, view.camera
+    scale = np.exp(states[:, [FOCAL]])
+    down = world_from_camera[:, frame, 2]  # the world's z axis in the camera
+    aside = ((camera.width - 1) / 2 - camera.cx - states[:, [CX]]) / (camera.fx * scale)
+    tilt = -(down[..., 2] + down[..., 0] * aside - np.tan(view.dip_rad[frame])) / down[..., 1]
+    rows = view.horizons[:, 0] - (camera.cy + states[:, [CY]] + camera.fy * scale * tilt)
+    slopes = view.horizons[:, 2] + down[..., 0] / down[..., 1] * (camera.fy / camera.fx)
+    return np.concatenate([rows, slopes * camera.width], axis=1)
 
 
 def start_state(view: ApproachView, config: RunConfig) -> tuple[Reference, Prior, Array]:

@@ -44,24 +44,21 @@ def own_covariance(view: ApproachView, point_scale: float, horizon_scale: float)
     return np.outer(sigma, sigma) * (alike + np.diag(1 - common))
 
 
-def shared_covariance(view: ApproachView, reference: Reference, state: Array, config: RunConfig) -> Array:
+def shared_covariance(view: ApproachView, reference: Reference, state: Array, kernels: Array) -> Array:
     """Covariance (R, R) by errors of the poses and by motion of the deck, px, linearized at a state (13,)."""
+    count = len(DISTURBANCES)
+    steps = np.repeat((np.eye(count) * STEPS)[:, None], len(view.times_s), axis=1)
+    states = np.tile(state, (2 * count, 1))
+    upper, lower = np.split(residuals_px(view, reference, states, np.concatenate([steps, -steps])), 2)
+    effects = (upper - lower) / (2 * STEPS[:, None])
+    return np.asarray(np.einsum("ki,kij,kj->ij", effects, kernels, effects))
+
+
+def disturbance_kernels(view: ApproachView, config: RunConfig) -> Array:
+    """Covariances (10, R, R) of each disturbance between the residuals' frames, in the order of DISTURBANCES."""
     rows = np.concatenate([view.frame, view.horizon_frame, view.horizon_frame])
     times = view.times_s
     apart = np.abs(times[:, None] - times)
-    kernels = _kernels(config, times, apart)
-    total = np.zeros((len(rows), len(rows)))
-    for number, kernel in enumerate(kernels):
-        step = np.zeros((len(times), len(DISTURBANCES)))
-        step[:, number] = STEPS[number]
-        upper, lower = (residuals_px(view, reference, state, sign * step) for sign in (1.0, -1.0))
-        effect = (upper - lower) / (2 * STEPS[number])
-        total += np.outer(effect, effect) * kernel[np.ix_(rows, rows)]
-    return total
-
-
-def _kernels(config: RunConfig, times: Array, apart: Array) -> list[Array]:
-    """Covariances (N, N) of each disturbance between frames, in the order of DISTURBANCES."""
     sensors, motion = config.sensors, config.deck.motion
     same = np.eye(len(times))
     drifting = np.exp(-apart / sensors.drift_s)
@@ -72,7 +69,8 @@ def _kernels(config: RunConfig, times: Array, apart: Array) -> list[Array]:
     since = times - times.min()
     turn = TURN_RAD_S05**2 * np.minimum(since[:, None], since)
     deck = [motion.heave_m**2 * swing[0], motion.pitch_rad**2 * swing[0], motion.roll_rad**2 * swing[1]]
-    return [angle, angle, angle, place, place, place, *deck, turn]
+    kernels = np.array([angle, angle, angle, place, place, place, *deck, turn])
+    return np.asarray(kernels[:, rows[:, None], rows])
 
 
 def _autocorrelation(apart_s: Array, period_s: float) -> Array:

@@ -21,13 +21,15 @@ from deckline.calibrate.model import (
     NAMES,
     PITCH,
     ROLL,
+    SCALES,
     YAW,
     Prior,
     Reference,
+    jacobian_px,
     residuals_px,
     start_state,
 )
-from deckline.calibrate.noise import own_covariance, shared_covariance
+from deckline.calibrate.noise import disturbance_kernels, own_covariance, shared_covariance
 from deckline.calibrate.observations import ApproachView
 from deckline.config import RunConfig
 
@@ -42,8 +44,6 @@ MASKING_SHARE = 0.5  # of the largest residual
 OUTLIER_SIGMA = 5.0  # of a residual against all others, beyond which its line or horizon is left out
 MEDIAN_TO_SIGMA = 1.4826  # of a normal distribution's sizes
 JITTER = 1e-9  # of the residuals' variance, added to their own: interpolated kernels are not exactly definite
-# Typical sizes (13,) that make the unknowns alike: rad, share, px, s, m, rad, m/s, m, rad, m.
-SCALES = np.array([0.01, 0.01, 0.01, 0.01, 10.0, 10.0, 0.01, 1.0, 0.01, 1.0, 1.0, 0.01, 1.0])
 DETERMINED_SHARE = 0.2  # of the prior's 1-sigma, up to which the posterior's counts as determined; our choice
 CONTRADICTED_SIGMA = 3.0  # of a less certain estimate, from which it is better than a stated value all the same
 AGREEING_SIGMA = 2.0  # between a stated and an estimated value, within which the stated one stays
@@ -145,7 +145,8 @@ def solve(view: ApproachView, config: RunConfig, hold: tuple[str, ...] = ()) -> 
     asked = prior
     for name in hold:
         asked = _hold(asked, NAMES.index(name), config)
-    fit = free = _fit(view, reference, asked, config, state)
+    kernels = disturbance_kernels(view, config)
+    fit = free = _fit(view, reference, asked, kernels, state)
     held_by: dict[str, Pair] = {}
     while (number := _choose_held(fit, prior, outcomes)) is not None:
         is_determined = _is_determined(fit, prior, number)
@@ -153,7 +154,7 @@ def solve(view: ApproachView, config: RunConfig, hold: tuple[str, ...] = ()) -> 
         if not is_determined:
             held_by[NAMES[number]] = _find_partner(fit, number)
         asked = _hold(asked, number, config)
-        fit = _fit(view, reference, asked, config, fit.state)
+        fit = _fit(view, reference, asked, kernels, fit.state)
     if Outcome.ESTIMATED not in outcomes.values() and Outcome.AGREES not in outcomes.values():
         raise ValueError("this recording determines nothing of the camera; calibrate needs an approach with both lines")
     count = len(view.frame)
@@ -224,16 +225,16 @@ def _find_partner(fit: Fit, number: int) -> Pair:
     return Pair(NAMES[number], NAMES[partner], float(row[partner]))
 
 
-def _fit(view: ApproachView, reference: Reference, prior: Prior, config: RunConfig, state: Array) -> Fit:
+def _fit(view: ApproachView, reference: Reference, prior: Prior, kernels: Array, state: Array) -> Fit:
     """Robust fit with independent residuals, then rounds of covariance, fit and outliers."""
-    used: Mask = np.ones(len(residuals_px(view, reference, state)), dtype=bool)
+    used: Mask = np.ones(kernels.shape[1], dtype=bool)
     scales = np.ones(2)
-    sigma = np.sqrt(np.diag(_covariance(view, reference, state, config, scales)))
+    sigma = np.sqrt(np.diag(_covariance(view, reference, state, kernels, scales)))
     state = _minimize(view, reference, prior, np.diag(sigma), used, state, "soft_l1")
-    sigma = np.sqrt(np.diag(_covariance(view, reference, state, config, scales)))
-    used = ~_find_outliers(view, residuals_px(view, reference, state) / sigma)
+    sigma = np.sqrt(np.diag(_covariance(view, reference, state, kernels, scales)))
+    used = ~_find_outliers(view, residuals_px(view, reference, state[None])[0] / sigma)
     for number in range(MOST_ROUNDS):
-        covariance = _covariance(view, reference, state, config, scales)[np.ix_(used, used)]
+        covariance = _covariance(view, reference, state, kernels, scales)[np.ix_(used, used)]
         factor: Array = np.linalg.cholesky(covariance).astype(np.float64)
         state = _minimize(view, reference, prior, factor, used, state, "linear")
         posterior, score = _posterior(view, reference, prior, factor, used, state)
@@ -246,9 +247,9 @@ def _fit(view: ApproachView, reference: Reference, prior: Prior, config: RunConf
     return Fit(state, posterior, used, *(float(scale) for scale in scales))
 
 
-def _covariance(view: ApproachView, reference: Reference, state: Array, config: RunConfig, scales: Array) -> Array:
+def _covariance(view: ApproachView, reference: Reference, state: Array, kernels: Array, scales: Array) -> Array:
     """Covariance (R, R) of all residuals, linearized at a state; `scales` (2,) of points and of horizons."""
-    total = own_covariance(view, *scales) + shared_covariance(view, reference, state, config)
+    total = own_covariance(view, *scales) + shared_covariance(view, reference, state, kernels)
     return np.asarray(total + JITTER * np.diag(np.diag(total)))
 
 
@@ -257,12 +258,15 @@ def _minimize(
 ) -> Array:
     def weighed(scaled: Array) -> Array:
         at = scaled * SCALES
-        white = solve_triangular(factor, residuals_px(view, reference, at)[used], lower=True)
+        white = solve_triangular(factor, residuals_px(view, reference, at[None])[0, used], lower=True)
         return np.concatenate([white, (at - prior.mean) / prior.sigma])
 
-    return np.asarray(
-        least_squares(weighed, state / SCALES, loss=loss, x_scale="jac", ftol=TOLERANCE, xtol=TOLERANCE).x * SCALES
-    )
+    def derive(scaled: Array) -> Array:
+        white = solve_triangular(factor, jacobian_px(view, reference, scaled * SCALES)[used], lower=True)
+        return np.concatenate([white, np.diag(1 / prior.sigma)]) * SCALES
+
+    options = {"loss": loss, "x_scale": "jac", "ftol": TOLERANCE, "xtol": TOLERANCE}
+    return np.asarray(least_squares(weighed, state / SCALES, derive, **options).x * SCALES)
 
 
 def _posterior(
@@ -272,13 +276,7 @@ def _posterior(
 
     Source: Cook and Weisberg, "Residuals and Influence in Regression", 1982, chapter 2.
     """
-    columns = []
-    for number, scale in enumerate(SCALES):
-        step = np.zeros(len(state))
-        step[number] = 1e-4 * scale
-        change = residuals_px(view, reference, state + step) - residuals_px(view, reference, state - step)
-        columns.append(change[used] / (2e-4 * scale))
-    jacobian = np.column_stack(columns)
+    jacobian = jacobian_px(view, reference, state)[used]
     white = solve_triangular(factor, jacobian, lower=True)
     scaled = white * SCALES
     information = scaled.T @ scaled + np.diag((SCALES / prior.sigma) ** 2)
@@ -287,7 +285,7 @@ def _posterior(
     gain = inverse @ jacobian
     residual_weights = inverse - gain @ posterior @ gain.T
     score = np.zeros(len(used))
-    rest = residuals_px(view, reference, state)[used]
+    rest = residuals_px(view, reference, state[None])[0, used]
     score[used] = (residual_weights @ rest) / np.sqrt(np.maximum(np.diag(residual_weights), 1e-12))
     return posterior, score
 
