@@ -150,6 +150,22 @@ def test_an_engine_that_is_not_there_is_refused(double: Path, monkeypatch: pytes
 
 
 @pytest.mark.parametrize(
+    ("model", "processor", "is_noted"),
+    [
+        ("hybrid-int8", "flags : sse2 avx2", True),
+        ("hybrid-int8", "flags : sse2 avx2 avx_vnni", False),
+        ("hybrid-int8", "Features : asimd", False),
+        ("hybrid", "flags : sse2 avx2", False),
+    ],
+)
+def test_8_bits_without_their_instructions_are_noted(model, processor, is_noted, tmp_path, monkeypatch, capsys):
+    (tmp_path / "cpuinfo").write_text(processor)
+    monkeypatch.setattr(engines, "CPUINFO", tmp_path / "cpuinfo")
+    load_session(shipped_weights(model))
+    assert ("VNNI" in capsys.readouterr().err) == is_noted
+
+
+@pytest.mark.parametrize(
     ("values", "named"),
     [(("cpu", 0), ("threads", 0)), (("gpu",), ("device", "gpu")), (("cpu", 1, "bf16"), ("precision", "bf16", "cpu"))],
 )

@@ -27,7 +27,8 @@ LONGEST_S, WATCH_S = 120.0, 0.5  # of one computation; between two looks at thos
 
 CPUINFO = Path("/proc/cpuinfo")  # proc(5)
 CPU_SHARE = Path("/sys/fs/cgroup/cpu.max")  # of the control group, in a container: quota and period, us
-FLAGS = ("avx2", "avx512f", "avx512_vnni", "avx512_bf16", "amx_bf16", "amx_int8", "asimd", "bf16")  # that count here
+VNNI = ("avx512_vnni", "avx_vnni")  # products of 8-bit integers
+FLAGS = ("avx2", "avx512f", *VNNI, "avx512_bf16", "amx_bf16", "amx_int8", "asimd", "bf16")  # that count here
 
 Compute = Callable[[dict[str, NDArray[np.float32]]], Sequence[NDArray]]  # inputs by name -> outputs in their order
 
@@ -73,11 +74,22 @@ def usable_cores() -> int:
 
 def describe_processor() -> str:
     """The processor's name, and which of its instructions decide how fast networks are."""
-    lines = CPUINFO.read_text(encoding="utf-8").splitlines() if CPUINFO.is_file() else []
-    facts = {key.strip(): value.strip() for key, _, value in (line.partition(":") for line in lines)}
+    facts = _read_cpuinfo()
     present = set(f"{facts.get('flags', '')} {facts.get('Features', '')}".split())
     name = facts.get("model name") or platform.machine()
     return f"{name} ({' '.join(flag for flag in FLAGS if flag in present) or 'no known flags'})"
+
+
+def lacks_vnni() -> bool:
+    """Whether this is an x86 processor, under Linux, that has no instructions for products of 8-bit integers."""
+    flags = _read_cpuinfo().get("flags", "").split()  # ARM calls them Features
+    return bool(flags) and not set(VNNI) & set(flags)
+
+
+def _read_cpuinfo() -> dict[str, str]:
+    """Of the last core; empty where the system has no such file."""
+    lines = CPUINFO.read_text(encoding="utf-8").splitlines() if CPUINFO.is_file() else []
+    return {key.strip(): value.strip() for key, _, value in (line.partition(":") for line in lines)}
 
 
 def check_engine(engine: Engine) -> None:

@@ -11,18 +11,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deckline.config import CPU, Engine
-from deckline.files import parse_plain, read_regular
+from deckline.files import parse_plain, print_line, read_regular
 from deckline.runtime.engines import (
+    PROVIDERS,
     Compute,
     check_engine,
     compile_openvino,
     compute_onnxruntime,
     get_line,
+    lacks_vnni,
     open_onnxruntime,
 )
 
 # A node's op_type is field 4 of its message: tag, length, text, whose tag and length may be padded varints.
 LOOP = re.compile(rb"(?:\x22|\xa2\x80*\x00)(?:\x04|\x84\x80*\x00)Loop")
+EIGHT_BITS = b"QuantizeLinear"  # op_type of the nodes around 8-bit integers
 METADATA_KEY = "deckline"  # metadata_props key under which an exported model carries its config as JSON
 
 
@@ -69,9 +72,12 @@ def load_session(path: Path | str, engine: Engine = CPU) -> ModelSession:
     path = Path(path)
     if not path.is_file():
         raise ValueError(f"model file {path} does not exist")
-    if LOOP.search(read_regular(path)):
+    model = read_regular(path)
+    if LOOP.search(model):
         raise ValueError(f"{path}: a model with loops, which need not end, is not run; export it unrolled")
     check_engine(engine)
+    if EIGHT_BITS in model and engine.device not in PROVIDERS and lacks_vnni():
+        print_line(f"note: {path.name} has 8-bit integers, for which this processor lacks VNNI; take --detector hybrid")
     elsewhere = engine.device == "openvino"  # ONNX Runtime then only reads names and metadata
     session = open_onnxruntime(path, CPU if elsewhere else engine, optimised=not elsewhere)
     output_names = tuple(value.name for value in session.get_outputs())
