@@ -51,7 +51,7 @@ REFUSED = {
     DepthConfig: [("range_m", 0.0, ""), ("noise_m", -1.0, "0 "), ("dropout", 1.5, "1")],
     NavigationConfig: [("position_sigma_m", -0.1, "0 "), ("drift_s", 0.0, "1")],
     ContactSheetConfig: [("tile_px", 0, "1")],
-    DatasetConfig: [("test", 600, "599"), ("seed", -1, ""), ("visibility_m", (300.0, INF), ""), ("tile_px", 721, "")],
+    DatasetConfig: [("test", 600, "599"), ("seed", -1, ""), ("visibility", "clear", ""), ("tile_px", 721, "")],
 }
 
 

@@ -33,7 +33,7 @@ from deckline.types import Frame
 from deckline_lab.datasets.tiles import tile_corners
 from deckline_sim.config import DepthConfig, SimConfig, Trajectory, WeatherConfig
 from deckline_sim.processes import Jobs, map_ordered
-from deckline_sim.record import Item, map_frames, show_progress, visibility_text
+from deckline_sim.record import Item, map_frames, parse_visibility, show_progress
 from deckline_sim.scene.gl import open_context
 
 MANIFEST = "manifest.json"
@@ -58,14 +58,13 @@ class DatasetConfig:
 
     frames: int = 600  # clear and hazy pairs, training and test together
     test: int = 179  # how many of them are for testing, drawn by frame
-    seed: int = 0  # same seed, same bytes on one machine
-    # lowest and highest visibility, m at 2 % contrast; one for a random view, one for a whole flight
-    visibility_m: tuple[float, float] = (300.0, 3000.0)
+    seed: int = 0  # the same seed makes the same files
+    visibility: str = "300..3000"  # metres at 2 % contrast, one value or LOW..HIGH: of a random view, of a whole flight
     width: int = 1280  # of the images, px
-    height: int = 720
+    height: int = 720  # of the images, px
     fov_deg: float = 90.0  # horizontal field of view
     depth_range_m: float = inf  # reach of the depth camera; inf records depth everywhere, as training a dehazer needs
-    # mixed: random views and flights in turn; landing: the paper's flight from its holding track, again and again
+    # mixed: half random views, half flights; landing: the paper's flight from its holding track, again and again
     views: Literal["mixed", "landing"] = "mixed"
     one_scene: bool = False  # the same light, sky and sea everywhere; else drawn anew for each flight and random view
     tiles: bool = True  # also cut every image into 8 overlapping squares
@@ -77,8 +76,8 @@ class DatasetConfig:
         check_numbers(self, "", "seed", least=0)
         if self.views not in FLOWN:
             raise ValueError(f"views must be one of {', '.join(FLOWN)}, got {self.views!r}")
-        if not 0 < self.visibility_m[0] <= self.visibility_m[1] < inf:
-            raise ValueError(f"visibility_m must be 0 < low <= high < inf, got {self.visibility_m}")
+        if parse_visibility(self.visibility)[1] == inf:
+            raise ValueError(f"visibility must be finite, as a pair needs haze, got {self.visibility!r}")
         if self.tiles and not 1 <= self.tile_px <= min(self.width, self.height):
             raise ValueError(f"tile_px must lie between 1 and the image's smaller side, got {self.tile_px}")
 
@@ -128,7 +127,7 @@ def dataset_items(config: DatasetConfig) -> list[Item]:
         preset="paper",
         trajectory="random",
         frames=round(RANDOM_SHARE * config.frames),
-        visibility_m=config.visibility_m,
+        visibility_m=parse_visibility(config.visibility),
         seed=SEEDS * config.seed,
         width=config.width,
         height=config.height,
@@ -190,11 +189,11 @@ def _origin(config: DatasetConfig) -> dict[str, Any]:
     values = {item.name: getattr(config, item.name) for item in fields(config)}
     words = ["deckline", "dataset", "OUT"]
     for name, value in values.items():
-        option = "visibility" if name == "visibility_m" else name.replace("_", "-")
+        option = name.replace("_", "-")
         if isinstance(value, bool):
             words.append(f"--{option}" if value else f"--no-{option}")
         else:
-            words += [f"--{option}", visibility_text(value) if isinstance(value, tuple) else str(value)]
+            words += [f"--{option}", str(value)]
     return {"generator": f"deckline {__version__}", "command": " ".join(words), "dataset": settings_to_json(values)}
 
 
