@@ -33,14 +33,15 @@ from deckline_lab.evaluation.detection_score import (
 from deckline_lab.evaluation.detection_truth import SceneKind, draw_runway_prior
 from deckline_lab.evaluation.frames import FrameSample, FrameSet, RenderOptions, Task, name_sets, score_frames
 from deckline_lab.evaluation.pictures import write_worst
-from deckline_lab.evaluation.tables import MISSING, TO_TERMINAL, Figures, Output, Table, number, publish
+from deckline_lab.evaluation.tables import MISSING, TO_TERMINAL, Columns, Figures, Output, Table, cells, publish
 from deckline_lab.evaluation.visible_distance import visible_tables
 from deckline_lab.rivals.catalog import flight_from_config
 from deckline_lab.statistics import paired_difference
 
 SCORES_FILE, FLOWN_FOLDER = "scores.jsonl", "flown"
 DETECTION_FRAMES, COMPARISON_FRAMES = RenderOptions(), RenderOptions(visibility="200..3000")
-COLUMNS = {  # heading: figure, factor, format
+COUNTS: Columns = {name: (name, 1.0, ".0f") for name in ("frames", "decks", "empty")}
+COLUMNS: Columns = {
     "found %": ("found_rate", 100.0, ".1f"),
     "in 3 px %": ("placed_rate", 100.0, ".1f"),
     "px": ("error_px.median", 1.0, ".2f"),
@@ -53,7 +54,7 @@ COLUMNS = {  # heading: figure, factor, format
     "false %": ("false_rate", 100.0, ".1f"),
     "both false %": ("false_pair_rate", 100.0, ".1f"),
 }
-COMPARED_COLUMNS = ("found %", "in 3 px %", "px", "95 % px", "false %", "ECE %")
+COMPARED: Columns = {name: COLUMNS[name] for name in ("found %", "in 3 px %", "px", "95 % px", "false %", "ECE %")}
 NOTES = """\
 decks: frames with both lines in view, 10 % of each, whose light comes through the air to 2 % or more (bands: of the
 ramp's); empty: without anything of a runway in the image; the others are not rated. contrast: what sets the lines
@@ -239,20 +240,10 @@ def detection_tables(scores: Sequence[DetectionScore]) -> list[Table]:
 
 def _figures_table(title: str, named: Mapping[str, Sequence[DetectionScore]]) -> Table:
     """A row a group; columns that are empty in every row are left out."""
-    rows = []
-    for name, members in named.items():
-        figures = summarise(members)
-        counts = (f"{figures[count]:.0f}" for count in ("frames", "decks", "empty"))
-        rows.append((name, *counts, *(cell(figures, column) for column in COLUMNS)))
-    columns = ("", "frames", "decks", "empty", *COLUMNS)
+    rows = [(name, *cells(summarise(members), {**COUNTS, **COLUMNS})) for name, members in named.items()]
+    columns = ("", *COUNTS, *COLUMNS)
     full = [k for k in range(len(columns)) if any(row[k] != MISSING for row in rows)]
     return Table(title, [columns[k] for k in full], [[row[k] for k in full] for row in rows])
-
-
-def cell(figures: Figures, column: str) -> str:
-    """One figure under its column's heading."""
-    name, factor, form = COLUMNS[column]
-    return number(factor * figures.get(name, math.nan), form)
 
 
 def flat_figures(scores: Sequence[DetectionScore]) -> Figures:
@@ -273,10 +264,10 @@ def comparison_tables(scores: Mapping[Key, list[DetectionScore]]) -> list[Table]
     figures = {key: summarise(found) for key, found in scores.items()}
     rows = []
     for key, found in scores.items():
-        cells = (cell(figures[key], name) for name in COMPARED_COLUMNS)
-        rows.append((*key, *cells, MISSING if key == first else _found_difference(found, scores[first])))
+        difference = MISSING if key == first else _found_difference(found, scores[first])
+        rows.append((*key, *cells(figures[key], COMPARED), difference))
     title = f"{figures[first]['decks']:.0f} decks, {figures[first]['empty']:.0f} frames without a runway"
-    tables = [Table(title, ("detector", "dehazer", *COMPARED_COLUMNS, "found, to the first"), rows)]
+    tables = [Table(title, ("detector", "dehazer", *COMPARED, "found, to the first"), rows)]
     decks = {key: groups(with_scene(found, SceneKind.DECK)) for key, found in scores.items()}
     for what in ("range to the ramp", "visibility", "light through the air", "contrast of the fainter line"):
         rows = [

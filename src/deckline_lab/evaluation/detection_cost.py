@@ -7,8 +7,13 @@ from statistics import median
 import numpy as np
 
 from deckline.detect import Detector, OnnxDetector
-from deckline_lab.evaluation.tables import Figures, Table, number
+from deckline_lab.evaluation.tables import Columns, Figures, Table, cells
 
+COLUMNS: Columns = {
+    "parameters, M": ("parameters", 1e-6, ".2f"),
+    "MACs, G": ("macs", 1e-9, ".2f"),
+    "ms": ("pass_ms", 1.0, ".1f"),
+}
 SIZES = ("parameters", "macs")  # as `deckline train` stores them in a file
 RUNS = 9  # timed of each, interleaved, after one that is not
 
@@ -35,13 +40,5 @@ def measure_costs(detectors: Mapping[str, Detector], runs: int = RUNS) -> dict[s
 
 def cost_table(costs: Mapping[str, Figures]) -> Table:
     """A row a detector."""
-    rows = [
-        (
-            name,
-            number(figures.get("parameters", np.nan) / 1e6, ".2f"),
-            number(figures.get("macs", np.nan) / 1e9, ".2f"),
-            number(figures["pass_ms"], ".1f"),
-        )
-        for name, figures in costs.items()
-    ]
-    return Table("one pass of the network", ("detector", "parameters, M", "MACs, G", "ms"), rows)
+    rows = [(name, *cells(figures, COLUMNS)) for name, figures in costs.items()]
+    return Table("one pass of the network", ("detector", *COLUMNS), rows)

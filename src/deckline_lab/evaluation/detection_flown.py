@@ -1,6 +1,5 @@
 """Detection as flown: recordings through the chain of `deckline run`, beside their frames as single pictures."""
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from types import TracebackType
@@ -14,18 +13,21 @@ from deckline.types import RunwayPrior
 from deckline_lab.evaluation.detection_score import DetectionScore, summarise, visible_figures, with_scene
 from deckline_lab.evaluation.detection_truth import SceneKind
 from deckline_lab.evaluation.frames import FrameSample, FrameSet
-from deckline_lab.evaluation.tables import Figures, Table, number
-from deckline_lab.evaluation.visible_distance import CELLS, NOTE, visible_cells
+from deckline_lab.evaluation.tables import Columns, Figures, Table, cells
+from deckline_lab.evaluation.visible_distance import CELLS, NOTE
 
 SINGLE, FLOWN = "single pictures", "as flown"
 FAR_M = 400.0
-COLUMNS = {  # heading: figure
-    "found %": "found_rate",
-    "in 3 px %": "placed_rate",
-    f"found beyond {FAR_M:g} m %": "far.found_rate",
-    "in 3 px %, beyond": "far.placed_rate",
-    "wrong %": "wrong_rate",
-    "false %": "false_rate",
+COLUMNS: Columns = {
+    "decks": ("decks", 1.0, ".0f"),
+    "empty": ("empty", 1.0, ".0f"),
+    "found %": ("found_rate", 100.0, ".1f"),
+    "in 3 px %": ("placed_rate", 100.0, ".1f"),
+    f"found beyond {FAR_M:g} m %": ("far.found_rate", 100.0, ".1f"),
+    "in 3 px %, beyond": ("far.placed_rate", 100.0, ".1f"),
+    "wrong %": ("wrong_rate", 100.0, ".1f"),
+    "false %": ("false_rate", 100.0, ".1f"),
+    **CELLS,
 }
 FLOWN_NOTE = """\
 as flown: every recording is one flight with its poses, tracked as in `deckline run`. wrong: decks with points on both \
@@ -87,13 +89,5 @@ def approach_figures(scores: Sequence[DetectionScore]) -> Figures:
 
 def approach_table(modes: Mapping[str, Figures]) -> Table:
     """A row for single pictures, one as flown."""
-    rows = [
-        (
-            mode,
-            *(f"{figures['decks']:.0f}", f"{figures['empty']:.0f}"),
-            *(number(100 * figures.get(name, math.nan), ".1f") for name in COLUMNS.values()),
-            *visible_cells(figures),
-        )
-        for mode, figures in modes.items()
-    ]
-    return Table("approaches", ("", "decks", "empty", *COLUMNS, *CELLS), rows, [FLOWN_NOTE, NOTE])
+    rows = [(mode, *cells(figures, COLUMNS)) for mode, figures in modes.items()]
+    return Table("approaches", ("", *COLUMNS), rows, [FLOWN_NOTE, NOTE])

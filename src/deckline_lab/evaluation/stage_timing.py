@@ -3,7 +3,7 @@
 import time
 from collections.abc import Iterator
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,7 @@ from deckline.report.run import run
 from deckline.report.video import VideoPiece
 from deckline.types import Frame
 from deckline_lab.evaluation.dehazers import read_memory, reset_peak
-from deckline_lab.evaluation.detection_cost import measure_costs
+from deckline_lab.evaluation.detection_cost import cost_table, measure_costs
 from deckline_lab.evaluation.tables import Figures, Table, number
 
 ANSWER = ("decode", "detect", "localize", "track", "guide")  # stages from the file to guidance
@@ -140,13 +140,11 @@ def stage_table(title: str, figures: dict[str, Any], passes: dict[str, Figures])
 
 
 def pass_table(passes: dict[str, Figures]) -> Table:
-    """A row a network."""
-    macs = [number(each.get("macs", np.nan) / 1e9, ".2f") for each in passes.values()]
-    rows = [
-        (name, number(each["pass_ms"], ".1f"), _share(each["pass_ms"], passes), size)
-        for (name, each), size in zip(passes.items(), macs, strict=True)
-    ]
-    return Table("one pass", ("network", "ms", f"of {PEER}", "MACs, G"), rows)
+    """A row a network; the last column is its time as a share of the peer's."""
+    costs = cost_table(passes)
+    shares = [_share(each["pass_ms"], passes) for each in passes.values()]
+    rows = [(*row, share) for row, share in zip(costs.rows, shares, strict=True)]
+    return replace(costs, columns=(*costs.columns, f"of {PEER}"), rows=rows)
 
 
 def _share(value_ms: float, passes: dict[str, Figures]) -> str:

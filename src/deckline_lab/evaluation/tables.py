@@ -28,6 +28,7 @@ MISSING = "-"
 WRITES = ("--json", "--markdown", "--out")  # options that change no figure
 
 Figures = dict[str, float]
+Columns = Mapping[str, tuple[str, float, str]]  # heading: figure, factor, format
 INTRODUCTION = """\
 # Results
 
@@ -76,6 +77,11 @@ class Saved:
 def number(value: float | None, form: str) -> str:
     """A number in a table; a dash where there is none."""
     return MISSING if value is None or not math.isfinite(value) else format(value, form)
+
+
+def cells(figures: Mapping[str, float], columns: Columns) -> list[str]:
+    """The figures under the headings of columns."""
+    return [number(factor * figures.get(name, math.nan), form) for name, factor, form in columns.values()]
 
 
 def figures_table(title: str, figures: Figures) -> Table:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from deckline.truth import true_segments
 from deckline.types import SIDES, Detection, Frame
 from deckline_lab.evaluation.metrics import distance_px
-from deckline_lab.evaluation.tables import Figures, Table, number
+from deckline_lab.evaluation.tables import Columns, Figures, Table, cells
 from deckline_lab.labels.lines import Line, interpolate_rows
 from deckline_sim.visible_line import find_visible_line
 
@@ -126,7 +126,7 @@ def _reach_m(frames: Sequence[ApproachFrame]) -> float:
     return float(np.minimum(first.visibility_m, first.range_m))
 
 
-CELLS = {  # heading: figure, factor, format
+CELLS: Columns = {
     "approaches": ("approaches", 1.0, ".0f"),
     "first held, 50 %, m": ("first_held_m.50", 1.0, ".0f"),
     "90 %, m": ("first_held_m.90", 1.0, ".0f"),
@@ -135,15 +135,9 @@ CELLS = {  # heading: figure, factor, format
 }
 
 
-def visible_cells(figures: Figures) -> list[str]:
-    """The figures of `visible_distance` under the headings of CELLS."""
-    return [number(factor * figures.get(name, math.nan), form) for name, factor, form in CELLS.values()]
-
-
 def visible_tables(rows: Iterable[tuple[tuple[str, ...], Figures]], columns: Sequence[str]) -> list[Table]:
     """One table, a row a method, named in `columns`, with its `visible_distance`; none where nothing is an approach."""
     known = [(key, figures) for key, figures in rows]
     if not any(figures for _, figures in known):
         return []
-    cells = [(*key, *visible_cells(figures)) for key, figures in known]
-    return [Table(TITLE, (*columns, *CELLS), cells, [NOTE])]
+    return [Table(TITLE, (*columns, *CELLS), [(*key, *cells(figures, CELLS)) for key, figures in known], [NOTE])]

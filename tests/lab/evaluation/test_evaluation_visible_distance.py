@@ -13,7 +13,6 @@ from deckline_lab.evaluation.visible_distance import (
     is_right,
     near_width_px,
     tolerance_px,
-    visible_cells,
     visible_distance,
     visible_tables,
 )
@@ -96,7 +95,6 @@ def test_a_table_names_its_rows_and_there_is_none_without_an_approach():
     assert table.columns == ("a", "b", *CELLS)
     assert table.rows == [("hybrid", "none", "1", "400", "400", "50", "50"), ("x", "y", *["-"] * len(CELLS))]
     assert visible_tables([(("hybrid",), {})], ("a",)) == []
-    assert len(visible_cells({})) == len(CELLS)
 
 
 def test_a_wide_runway_allows_5_percent_of_its_width_and_a_narrow_one_3_px():
