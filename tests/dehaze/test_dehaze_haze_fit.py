@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from sea_scene import AIRLIGHT, CAMERA, SEA, SEA_Z_M, ray_z, sea_pair, world_from_body
 
-from deckline.dehaze.haze_fit import DISPLAY_WATER, HazeFit, NoFit, NotFitted, fit_haze, hidden_sea_certainty
+from deckline.dehaze.haze_fit import DARK, HazeFit, NoFit, NotFitted, fit_haze, hidden_sea_certainty
 from deckline.dehaze.sea_view import view_sea
 from deckline.geometry import camera_mount
 from deckline.haze import beta_from_visibility
@@ -55,7 +55,7 @@ def test_thick_haze_over_usual_water_is_fitted_from_high_up(mirror):
     beta, pose = 2e-3, world_from_body(-8.0, 0.0, -300.0)
     view = view_sea(CAMERA, pose * camera_mount(), SEA_Z_M)
     down = view.down[..., None]
-    sea = AIRLIGHT * (1 - DISPLAY_WATER.dark * (1 - mirror * (1 - np.clip(down, 0, 1)) ** 5))
+    sea = AIRLIGHT * (1 - DARK * (1 - mirror * (1 - np.clip(down, 0, 1)) ** 5))
     waves = np.random.default_rng(5).normal(0, 3, (*view.down.shape, 1))
     t = np.exp(-beta * view.range_m)[..., None]
     image = np.rint(np.where(down > 0, AIRLIGHT + t * (sea + waves - AIRLIGHT), AIRLIGHT)).astype(np.uint8)

@@ -20,14 +20,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from deckline.checks import check_image
 from deckline.dehaze.base import DehazeResult
 from deckline.dehaze.filters import estimate_noise
-from deckline.dehaze.haze_fit import (
-    DISPLAY_WATER,
-    HazeFit,
-    NoFit,
-    NotFitted,
-    fit_haze,
-    hidden_sea_certainty,
-)
+from deckline.dehaze.haze_fit import HazeFit, NoFit, NotFitted, fit_haze, hidden_sea_certainty
 from deckline.dehaze.pixel_map import Image, PixelMap, luma
 from deckline.dehaze.sea_view import SeaView, ray_lengths, view_sea, view_water
 from deckline.dehaze.transmission import GeometryConfig, find_objects, signal_gain, transmissions
@@ -73,7 +66,6 @@ class GeometryDehazer:
     """
 
     name = "geometry"
-    water = DISPLAY_WATER  # prior of the sea's colour, in the levels of `to_levels`
 
     def __init__(self, config: GeometryConfig | None = None, analysis_px: int = ANALYSIS_PX) -> None:
         self.config = config or GeometryConfig()
@@ -88,10 +80,6 @@ class GeometryDehazer:
         if isinstance(solution, NotFitted):
             return DehazeResult(frame.image_rgb.copy(), f"not dehazed: {solution.reason}")
         return solution.restored(solution.remove(frame.image_rgb))
-
-    def to_levels(self, image_rgb: NDArray[np.uint8]) -> NDArray:
-        """The levels 0..255 (H, W, 3) that haze adds to: those of the display."""
-        return image_rgb
 
     def solve(self, frame: Frame) -> GeometrySolution | NotFitted:
         """How the frame's haze is removed, or why its air cannot be estimated."""
@@ -120,11 +108,10 @@ class GeometryDehazer:
         view = view_sea(small.camera, pose, sea_z_m)
         if view.height_m <= 0:
             return NotFitted(NoFit.BELOW_SEA, f"{-view.height_m:.1f} m")
-        levels = self.to_levels(small.image_rgb)
-        planes = np.stack(cv2.split(levels)).astype(np.float32, copy=False)
-        small_noise = measure_sky_noise(self.to_levels(take_rows(small.image_rgb)), view)
-        noise = measure_sky_noise(self.to_levels(take_rows(frame.image_rgb)), view, BLOCK_PX)
-        haze = fit_haze(levels, view, self.water, small_noise)
+        planes = np.stack(cv2.split(small.image_rgb)).astype(np.float32)
+        small_noise = measure_sky_noise(take_rows(small.image_rgb), view)
+        noise = measure_sky_noise(take_rows(frame.image_rgb), view, BLOCK_PX)
+        haze = fit_haze(small.image_rgb, view, noise_sigma=small_noise)
         if isinstance(haze, NotFitted):
             return replace(haze, hidden=hidden_sea_certainty(small.image_rgb, view), down=view.down)
         deck = view_water(view.down, view.height_m + deck_z_m - sea_z_m)

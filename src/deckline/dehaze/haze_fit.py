@@ -52,20 +52,9 @@ STEPS = 8  # of reweighting
 CORRELATED_BINS = 4.0  # neighbouring bins err alike: one in so many is independent
 
 
-@dataclass(frozen=True)
-class WaterPrior:
-    """Prior of the colour of a sea without haze, as shares of the airlight A."""
-
-    dark: float
-    """How far water seen from straight above is below A."""
-    dark_sigma: float
-    mirror: float
-    """Share of `dark` that mirrored sky adds back at grazing angles."""
-    mirror_sigma: float
-
-
-# Tuned on both training sets of preset paper, checked on FlightGear's sea.
-DISPLAY_WATER = WaterPrior(0.75, 0.07, 0.6, 0.45)
+# Prior of a sea without haze: tuned on both training sets of preset paper, checked on FlightGear's sea.
+DARK, DARK_SIGMA = 0.75, 0.07  # of the airlight: how far water seen from straight above is below it
+MIRROR, MIRROR_SIGMA = 0.6, 0.45  # share of `DARK` that mirrored sky adds back at grazing angles
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,9 +143,7 @@ class SeaProfile:
     """(N, 3)."""
 
 
-def fit_haze(
-    image: Image, view: SeaView, water: WaterPrior = DISPLAY_WATER, noise_sigma: float = 0.0
-) -> HazeFit | NotFitted:
+def fit_haze(image: Image, view: SeaView, noise_sigma: float = 0.0) -> HazeFit | NotFitted:
     """Airlight, extinction and sea colour of an image, or why they cannot be fitted.
 
     Where what lies below the horizon does not fade as a sea does, the sides of the image are tried: a deck just ahead
@@ -164,7 +151,6 @@ def fit_haze(
 
     Args:
         image: (H, W, 3) levels 0..255.
-        water: prior of the sea's colour in the same levels.
         noise_sigma: 1-sigma of a pixel's noise, levels; it shifts the quantile below the median.
     """
     airlight = _band_airlight(image, view)
@@ -182,7 +168,7 @@ def fit_haze(
             return NotFitted(NoFit.LITTLE_SEA)
         if np.abs(profile.levels - airlight).max() < MIN_CONTRAST:
             return NotFitted(NoFit.NO_CONTRAST)
-        fit = _fit_profile(profile, airlight, water)
+        fit = _fit_profile(profile, airlight)
         far_sea = (airlight + fit.sea.sum(axis=0)).min() / airlight.mean()
         if far_sea >= MIN_FAR_SEA and explained_share(fit, profile) >= MIN_EXPLAINED:
             vague = fit.beta_sigma_per_m > MAX_RELATIVE_SIGMA * fit.beta_per_m
@@ -244,26 +230,24 @@ def _mean_between_quantiles(levels: NDArray) -> Float64:
     return np.asarray(np.sort(levels, axis=0)[low : max(high, low + 1)].mean(axis=0, dtype=np.float64))
 
 
-def _fit_profile(profile: SeaProfile, airlight: Float64, water: WaterPrior) -> HazeFit:
+def _fit_profile(profile: SeaProfile, airlight: Float64) -> HazeFit:
     """The law through a profile: every extinction of a grid, with the best sea colour for each.
 
     The extinction is the posterior mean: the best of the grid would jump from one value to the next between frames.
     """
     beta, bank = (grid.ravel() for grid in np.meshgrid(BETAS_PER_M, FOG_LAYER_K, indexing="ij"))
-    _, cost = _solve_sea_colours(profile, airlight, water, beta, bank)
+    _, cost = _solve_sea_colours(profile, airlight, beta, bank)
     best = int(cost.argmin())
     likelihood = np.exp(-(cost - cost[best]) / (2 * CORRELATED_BINS))
     sigma = float(np.sqrt(np.average((beta - np.average(beta, weights=likelihood)) ** 2, weights=likelihood)))
     alike = bank == bank[best]
     weights = likelihood[alike] ** CORRELATED_BINS
     mean = np.exp(np.average(np.log(beta[alike]), weights=weights, keepdims=True))
-    sea, _ = _solve_sea_colours(profile, airlight, water, mean, bank[best : best + 1])
+    sea, _ = _solve_sea_colours(profile, airlight, mean, bank[best : best + 1])
     return HazeFit(airlight, float(mean[0]), sigma, float(bank[best] * mean[0]), sea[0])
 
 
-def _solve_sea_colours(
-    profile: SeaProfile, airlight: Float64, water: WaterPrior, beta: Float64, bank: Float64
-) -> tuple[Float64, Float64]:
+def _solve_sea_colours(profile: SeaProfile, airlight: Float64, beta: Float64, bank: Float64) -> tuple[Float64, Float64]:
     """The best sea colour (T, 2, 3) for each of T extinctions, 1/m, and banks, and its cost (T,).
 
     The sea's colour is linear in the law: iteratively reweighted least squares (Cauchy) with the water's prior, without
@@ -272,7 +256,7 @@ def _solve_sea_colours(
     contrast, mirroring = (profile.levels - airlight).astype(np.float32), schlick(profile.down).astype(np.float32)
     depth = (beta[:, None] * profile.range_m).astype(np.float32)
     t = np.exp(-depth - np.square(np.square(bank[:, None].astype(np.float32) * depth)))
-    rows, usual = prior_equations(water, airlight)
+    rows, usual = prior_equations(airlight)
     prior, prior_side = rows.T @ rows, rows.T @ usual
     powers = np.stack([np.ones_like(mirroring), mirroring, np.square(mirroring)], axis=1)
     sides = np.concatenate([contrast, mirroring[:, None] * contrast], axis=1)
@@ -301,12 +285,12 @@ def _squared_residuals(contrast: Float32, mirroring: Float32, t: Float32, sea: F
     return total
 
 
-def prior_equations(water: WaterPrior, airlight: Float64) -> tuple[Float64, Float64]:
-    """A water prior as equations of a sea's colour (2, 3), each in its sigmas: rows (2, 2) @ sea = usual (2, 3)."""
+def prior_equations(airlight: Float64) -> tuple[Float64, Float64]:
+    """The water's prior as equations of a sea's colour (2, 3), each in its sigmas: rows (2, 2) @ sea = usual (2, 3)."""
     level = airlight.mean()
-    mirror = np.array([water.mirror, 1.0]) / (water.mirror_sigma * water.dark * level)
-    dark = np.array([1.0, 0.0]) / (water.dark_sigma * level)
-    return np.stack([mirror, dark]), np.stack([np.zeros(3), -water.dark / water.dark_sigma * airlight / level])
+    mirror = np.array([MIRROR, 1.0]) / (MIRROR_SIGMA * DARK * level)
+    dark = np.array([1.0, 0.0]) / (DARK_SIGMA * level)
+    return np.stack([mirror, dark]), np.stack([np.zeros(3), -DARK / DARK_SIGMA * airlight / level])
 
 
 def schlick(down: NDArray) -> NDArray:
