@@ -80,11 +80,11 @@ def measure_text(words: str, size: int, weight: int = 400) -> int:
     return int(cv2.getTextSize(_to_ascii(words), cv2.FONT_HERSHEY_SIMPLEX, *stroke)[0][0])
 
 
-def shorten(words: str, size: int, width: int, weight: int = 400) -> str:
+def shorten(words: str, size: int, width: int) -> str:
     """The text, its end replaced by an ellipsis where it is wider than `width` px."""
-    if measure_text(words, size, weight) <= width:
+    if measure_text(words, size) <= width:
         return words
-    while words and measure_text(f"{words}…", size, weight) > width:
+    while words and measure_text(f"{words}…", size) > width:
         words = words[:-1]
     return f"{words.rstrip()}…"
 

@@ -8,6 +8,7 @@ not in them.
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 import cv2
@@ -18,6 +19,7 @@ from scipy.spatial.transform import RigidTransform
 
 from deckline.checks import check_numbers
 from deckline.config import GRADES, RunConfig, Sensors
+from deckline.config_file import read_config
 from deckline.extras import needs_extra
 from deckline.geometry import Camera
 from deckline.options import RunOptions
@@ -38,6 +40,32 @@ POINTS, MOTION, AIR = 31, 32, 33  # random streams
 
 
 @dataclass(frozen=True)
+class PointNoise:
+    """The detector: what it finds of a line in view, and how wrong it is.
+
+    sigma_px is about what `deckline eval chain` prints for the shipped one near the paper's deck; the shares are our
+    choice.
+
+    Args:
+        seen_share: how far lines are seen, of the visibility at 2 % contrast.
+        rows: points on a line, evenly spaced in the image's rows; never closer than a tenth of a pixel.
+        sigma_px: 1-sigma of u, which the detector also reports.
+        correlation: of the errors of neighbouring points.
+        outlier_share: of the points, anywhere within outlier_px of the line.
+        outlier_px: how far outliers lie off, at most.
+        missed_share: of the lines in a frame, not seen at all.
+    """
+
+    seen_share: float = 0.7
+    rows: int = 40
+    sigma_px: float = 0.3
+    correlation: float = 0.5
+    outlier_share: float = 0.02
+    outlier_px: float = 20.0
+    missed_share: float = 0.01
+
+
+@dataclass(frozen=True)
 class FlightsConfig:
     """Approaches to fly, each with its own seed, visibility and errors.
 
@@ -49,6 +77,7 @@ class FlightsConfig:
         range_m: distances to the ramp where an approach begins and ends.
         fov_deg: horizontal field of view.
         speed_m_s: of the aircraft through still air.
+        noise: TOML file of the modelled detector, such as `sigma_px = 0.5`.
         options: of the configuration that flies. The simulator draws the errors of pose, calibration, depth and deck
             height from its sensors and moves the deck by its sea state.
 
@@ -63,6 +92,7 @@ class FlightsConfig:
     range_m: tuple[float, float] = (800.0, 20.0)
     fov_deg: float = 90.0
     speed_m_s: float = 65.0
+    noise: Path | None = None
     options: Annotated[RunOptions, tyro.conf.arg(name="")] = field(default_factory=RunOptions)
 
     def __post_init__(self) -> None:
@@ -74,6 +104,11 @@ class FlightsConfig:
     def run(self) -> RunConfig:
         """The configuration that flies."""
         return self.options.run_config()
+
+    @cached_property
+    def point_noise(self) -> PointNoise:
+        """The modelled detector."""
+        return PointNoise() if self.noise is None else read_config(PointNoise, self.noise)
 
     def approach(self, number: int) -> "SimConfig":
         """What the simulator is asked for; a ValueError where it refuses, an ImportError without the sim extra."""
@@ -143,8 +178,9 @@ def describe_flights(config: FlightsConfig) -> str:
 
 
 def flight_settings(flights: FlightsConfig) -> dict[str, Any]:
-    """What is flown as plain values, without the options of the configuration that flies."""
-    return {name: value for name, value in vars(flights).items() if name not in ("options", "run")}
+    """What is flown as plain values, without the options of the configuration that flies and the modelled detector."""
+    others = ("options", "run", "noise", "point_noise")
+    return {name: value for name, value in vars(flights).items() if name not in others}
 
 
 class Sighting(NamedTuple):
@@ -152,32 +188,6 @@ class Sighting(NamedTuple):
 
     frame: Frame
     detection: Detection | None = None
-
-
-@dataclass(frozen=True)
-class PointNoise:
-    """The detector: what it finds of a line in view, and how wrong it is.
-
-    sigma_px is about what `deckline eval chain` prints for the shipped one near the paper's deck; the shares are our
-    choice.
-
-    Args:
-        seen_share: how far lines are seen, of the visibility at 2 % contrast.
-        rows: points on a line, evenly spaced in the image's rows; never closer than a tenth of a pixel.
-        sigma_px: 1-sigma of u, which the detector also reports.
-        correlation: of the errors of neighbouring points.
-        outlier_share: of the points, anywhere within outlier_px of the line.
-        outlier_px: how far outliers lie off, at most.
-        missed_share: of the lines in a frame, not seen at all.
-    """
-
-    seen_share: float = 0.7
-    rows: int = 40
-    sigma_px: float = 0.3
-    correlation: float = 0.5
-    outlier_share: float = 0.02
-    outlier_px: float = 20.0
-    missed_share: float = 0.01
 
 
 def fly_points(config: "SimConfig", sensors: Sensors, noise: PointNoise) -> Iterator[Sighting]:

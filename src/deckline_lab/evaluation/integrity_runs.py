@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, astuple, dataclass, field
-from functools import cached_property, partial
+from functools import partial
 from itertools import groupby
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,12 +12,11 @@ import numpy as np
 import tyro
 
 from deckline.checks import check_numbers
-from deckline.config_file import read_config, to_toml_text
+from deckline.config_file import to_toml_text
 from deckline.flight import Flight
 from deckline.report.provenance import settings_of
 from deckline_lab.evaluation.approaches import (
     FlightsConfig,
-    PointNoise,
     Sighting,
     describe_flights,
     flight_settings,
@@ -91,7 +90,6 @@ class IntegrityConfig:
         aid: with --rendered, what measures the scale besides pose and deck height: any of `no aid`, `depth`, `width`,
             `depth, width`.
         flights: what is flown.
-        noise: TOML file of the modelled detector, such as `sigma_px = 0.5`.
         alert_s: time to alert.
         jobs: processes, where nothing is rendered; 0: one for every core.
         ray: where nothing is rendered, fly as Ray tasks, on the cluster at ADDRESS (HOST:PORT, or auto), without it on
@@ -108,7 +106,6 @@ class IntegrityConfig:
     rendered: bool = False
     aid: tuple[str, ...] = RENDERED_AIDS
     flights: Annotated[FlightsConfig, tyro.conf.arg(name="")] = field(default_factory=FlightsConfig)
-    noise: Path | None = None
     alert_s: float = ALERT_S
     jobs: int = 1
     ray: RayOption = None
@@ -134,11 +131,6 @@ class IntegrityConfig:
         runs = Runs.RENDERED if self.rendered else Runs.MODELLED
         return [name for name, fault in FAULTS.items() if runs in fault.runs]
 
-    @cached_property
-    def point_noise(self) -> PointNoise:
-        """The modelled detector."""
-        return PointNoise() if self.noise is None else read_config(PointNoise, self.noise)
-
     @property
     def wanted(self) -> list[FaultRun]:
         """All runs, those of one flight together."""
@@ -150,10 +142,11 @@ class IntegrityConfig:
 
 
 def integrity(config: Annotated[IntegrityConfig, tyro.conf.arg(name="")]) -> int:
-    config.flights.approach(0)  # refuses before the work, not after
-    models = flight_from_config(config.flights.run) if config.rendered else point_flight(config.flights.run)
-    points = settings_of(models) if config.rendered else {"points": asdict(config.point_noise)}
-    settings = {**flight_settings(config.flights), "run": to_toml_text(config.flights.run), "seen by": points}
+    flights = config.flights
+    flights.approach(0)  # refuses before the work, not after
+    models = flight_from_config(flights.run) if config.rendered else point_flight(flights.run)
+    points = settings_of(models) if config.rendered else {"points": asdict(flights.point_noise)}
+    settings = {**flight_settings(flights), "run": to_toml_text(flights.run), "seen by": points}
     with Store(config.out, STATES_FILE, settings) as store:
         missing = [run for run in config.wanted if astuple(run) not in store.rows]
         with progress("flying", len(config.wanted), len(config.wanted) - len(missing)) as advance:
@@ -163,9 +156,9 @@ def integrity(config: Annotated[IntegrityConfig, tyro.conf.arg(name="")]) -> int
     by_fault: dict[str, list[list[FrameState]]] = {}
     for run in config.wanted:
         by_fault.setdefault(run.name, []).append([FrameState(**row) for row in store.rows[astuple(run)]])
-    how = f"rendered, detector {config.flights.run.models.detector}" if config.rendered else f"{config.point_noise}"
+    how = f"rendered, detector {flights.run.models.detector}" if config.rendered else f"{flights.point_noise}"
     title = (
-        f"{config.runs} runs of each fault, {config.nominal} without, of {describe_flights(config.flights)}; "
+        f"{config.runs} runs of each fault, {config.nominal} without, of {describe_flights(flights)}; "
         f"time to alert {config.alert_s:g} s; {how}"
     )
     tables, figures = integrity_tables(by_fault, config.alert_s), flat_figures(by_fault, config.alert_s)
@@ -182,7 +175,7 @@ def fly_runs(
         for group in by_flight:
             yield from _fly_rendered(group, config, models)
         return
-    work = partial(_fly_modelled, flights=config.flights, noise=config.point_noise)
+    work = partial(_fly_modelled, flights=config.flights)
     with closing(map_ordered(work, by_flight, choose_workers(config.ray, config.jobs))) as results:
         for group, states in zip(by_flight, results, strict=True):
             yield from zip(group, states, strict=True)
@@ -200,8 +193,8 @@ def _fly_rendered(
         yield run, fly_run(sightings, run, config.flights, models)
 
 
-def _fly_modelled(runs: Sequence[FaultRun], flights: FlightsConfig, noise: PointNoise) -> list[list[FrameState]]:
-    sightings = list(fly_points(flights.approach(runs[0].number), flights.run.sensors, noise))
+def _fly_modelled(runs: Sequence[FaultRun], flights: FlightsConfig) -> list[list[FrameState]]:
+    sightings = list(fly_points(flights.approach(runs[0].number), flights.run.sensors, flights.point_noise))
     models = point_flight(flights.run)
     return [fly_run(sightings, run, flights, models) for run in runs]
 

@@ -5,7 +5,7 @@ import io
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, field
-from functools import cached_property, lru_cache, partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,12 +13,10 @@ import tyro
 
 from deckline.atomic import write_atomic
 from deckline.checks import check_numbers
-from deckline.config_file import read_config
 from deckline.files import print_line
 from deckline.localize import localize
 from deckline_lab.evaluation.approaches import (
     FlightsConfig,
-    PointNoise,
     Sighting,
     describe_flights,
     flight_settings,
@@ -61,7 +59,6 @@ class LocalizationConfig:
             first one's row without.
         points: render nothing: project the true lines and draw points with a stated noise; only estimators and the
             tracker are compared then, in seconds an approach.
-        noise: TOML file of the modelled detector, such as `sigma_px = 0.5`.
         jobs: processes, each with a share of the cores; 0: one for every core.
         ray: fly as Ray tasks, on the cluster at ADDRESS (HOST:PORT, or auto), without it on one that is started here.
         out: folder of the scores of every frame, as CSV too, and of pictures of our rows.
@@ -72,7 +69,6 @@ class LocalizationConfig:
     flights: Annotated[FlightsConfig, tyro.conf.arg(name="")] = field(default_factory=FlightsConfig)
     rival: tuple[str, ...] = ("ufld",)
     points: bool = False
-    noise: Path | None = None
     jobs: int = 1
     ray: RayOption = None
     out: Path | None = None
@@ -80,11 +76,6 @@ class LocalizationConfig:
 
     def __post_init__(self) -> None:
         check_numbers(self, "", "approaches", least=1)
-
-    @cached_property
-    def point_noise(self) -> PointNoise:
-        """The modelled detector."""
-        return PointNoise() if self.noise is None else read_config(PointNoise, self.noise)
 
 
 def localization(config: Annotated[LocalizationConfig, tyro.conf.arg(name="")]) -> int:
@@ -98,7 +89,7 @@ def localization(config: Annotated[LocalizationConfig, tyro.conf.arg(name="")]) 
     by_method = {method.name: [score for score in scores if score.method == method.name] for method in work.methods}
     models = config.flights.run.models
     names = f"dehazer {models.dehazer}, detector {models.detector}"
-    seen_by = f"{config.point_noise}" if config.points else names
+    seen_by = f"{config.flights.point_noise}" if config.points else names
     title = f"{config.approaches} approaches of {describe_flights(config.flights)}; {seen_by}"
     tables, figures = localization_tables(by_method, work.methods), flat_figures(by_method)
     publish(title, tables, figures, config.output)
@@ -123,8 +114,8 @@ def _prepare(config: LocalizationConfig) -> Work:
     flights = config.flights
     if config.points:
         methods = point_methods(flights.run)
-        bench = point_bench(methods, config.point_noise)
-        sensors, noise = flights.run.sensors, config.point_noise
+        bench = point_bench(methods, flights.point_noise)
+        sensors, noise = flights.run.sensors, flights.point_noise
         return Work(methods, bench, lambda number: fly_points(flights.approach(number), sensors, noise))
     methods = methods_of(flights.run, config.rival)
     return Work(methods, load(methods), lambda number: map(Sighting, fly(flights, number)))
