@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -35,7 +36,7 @@ from deckline_lab.evaluation.frames import FrameSample, FrameSet, RenderOptions,
 from deckline_lab.evaluation.pictures import write_worst
 from deckline_lab.evaluation.tables import MISSING, TO_TERMINAL, Columns, Figures, Output, Table, cells, publish
 from deckline_lab.evaluation.visible_distance import visible_tables
-from deckline_lab.rivals.catalog import flight_from_config
+from deckline_lab.rivals.catalog import flight_from_config, open_flights
 from deckline_lab.statistics import paired_difference
 
 SCORES_FILE, FLOWN_FOLDER = "scores.jsonl", "flown"
@@ -181,16 +182,16 @@ def detectors(
     restorers: dict[str, SharedDehazer] = {}
     methods: dict[Key, Finder] = {}
     loaded: dict[str, Detector] = {}
-    for each in dict.fromkeys(detector):
-        for before in dict.fromkeys(dehazer):
-            flight = flight_from_config(single_frames_with(before, each))
-            restorer = restorers.setdefault(before, SharedDehazer(flight.dehazer))
-            key = (detector_label(each), detector_label(before))
-            if key in methods:
-                raise ValueError(f"two methods would be called {' behind '.join(key)}: give their files other names")
-            find = partial(_find_restored, restorer, flight.detector)
-            loaded[key[0]] = flight.detector
-            methods[key] = Finder(None if out is None else out / "+".join(key), settings_of(flight), find)
+    pairs = list(product(dict.fromkeys(detector), dict.fromkeys(dehazer)))
+    flights = open_flights(single_frames_with(before, each) for each, before in pairs)
+    for (each, before), flight in zip(pairs, flights, strict=True):
+        restorer = restorers.setdefault(before, SharedDehazer(flight.dehazer))
+        key = (detector_label(each), detector_label(before))
+        if key in methods:
+            raise ValueError(f"two methods would be called {' behind '.join(key)}: give their files other names")
+        find = partial(_find_restored, restorer, flight.detector)
+        loaded[key[0]] = flight.detector
+        methods[key] = Finder(None if out is None else out / "+".join(key), settings_of(flight), find)
     scores = dict(zip(methods, score_detections(sets, list(methods.values())), strict=True))
     title = f"{name_sets(sets)}, visibility of rendered frames {render.visibility} m"
     summaries = {"+".join(key): summarise(found) for key, found in scores.items()}

@@ -16,7 +16,7 @@ from deckline.report.provenance import settings_of
 from deckline_lab.evaluation.approaches import PointNoise
 from deckline_lab.evaluation.chain import single_frames
 from deckline_lab.evaluation.dehazers import SharedDehazer, detector_label
-from deckline_lab.rivals.catalog import flight_from_config
+from deckline_lab.rivals.catalog import flight_from_config, open_flights
 from deckline_lab.rivals.sgd import localize_by_descent
 from deckline_sim.landing.modelled_detector import point_flight
 
@@ -91,8 +91,7 @@ def load(methods: Sequence[Method]) -> LocalizationBench:
     settings: dict[str, Any] = {}
     dehazers: dict[str, SharedDehazer] = {}
     detectors: dict[str, Detector] = {}
-    for method in methods:
-        flight = flight_from_config(method.config)
+    for method, flight in zip(methods, open_flights(method.config for method in methods), strict=True):
         settings[method.name] = {**settings_of(flight), "estimator": method.localizer.__name__}
         dehazers.setdefault(method.config.models.dehazer, SharedDehazer(flight.dehazer))
         detectors.setdefault(method.config.models.detector, flight.detector)

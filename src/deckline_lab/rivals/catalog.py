@@ -1,6 +1,6 @@
 """Dehazers and detectors that an evaluation can name: those of `deckline`, and the rivals they are compared with."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -52,3 +52,15 @@ def flight_from_config(config: RunConfig, **parts: Any) -> Flight:
             names = ", ".join(known)
             raise ValueError(f"unknown {part} {name!r}: use one of {names}, or the path of an .onnx file")
     return Flight.from_config(config, **parts)
+
+
+def open_flights(configs: Iterable[RunConfig]) -> Iterator[Flight]:
+    """Flights of configurations with one engine, which share models of the same name: each is loaded once."""
+    dehazers: dict[str, Dehazer] = {}
+    detectors: dict[str, Detector] = {}
+    for config in configs:
+        models = config.models
+        parts = {"dehazer": dehazers.get(models.dehazer), "detector": detectors.get(models.detector)}
+        flight = flight_from_config(config, **parts)
+        dehazers[models.dehazer], detectors[models.detector] = flight.dehazer, flight.detector
+        yield flight

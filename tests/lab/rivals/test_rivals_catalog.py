@@ -12,6 +12,7 @@ from deckline_lab.rivals.catalog import (
     ALL_DETECTORS,
     RIVAL_DEHAZERS,
     flight_from_config,
+    open_flights,
 )
 from deckline_lab.rivals.classical import ClassicalDetector
 from deckline_lab.rivals.dark_channel import DarkChannelDehazer
@@ -52,3 +53,11 @@ def test_the_lab_ships_what_its_manifest_lists() -> None:
     assert set(models) == {"paper-scene"}
     for name in models:
         assert shipped_weights(name, LAB_WEIGHTS).stat().st_size > 10_000
+
+
+def test_flights_share_the_models_that_they_name_alike() -> None:
+    pairs = [("none", "classical"), ("dark-channel", "classical"), ("none", "ufld")]
+    first, second, third = open_flights(RunConfig(models=Models(*pair)) for pair in pairs)
+    assert first.dehazer is third.dehazer and second.dehazer.name == "dark-channel"
+    assert first.detector is second.detector and third.detector.name == "ufld"
+    assert third.config.models == Models(*pairs[2])
