@@ -22,7 +22,7 @@ from deckline_sim import SimConfig, frames
 BETA = beta_from_visibility(1200.0)
 CLEAR_DB = 32.0  # a clear image comes out at least this near to itself
 # What has to see haze before it acts. The dark channel prior takes every image for a hazy one (11 to 20 dB).
-KEEP_CLEAR = ("none", "geometry", "geometry-linear")
+KEEP_CLEAR = ("none", "geometry")
 
 
 @pytest.fixture(scope="module", params=list(ALL_DEHAZERS))

@@ -12,12 +12,10 @@ from deckline.runtime import shipped_weights
 from deckline_lab.rivals import LAB_WEIGHTS
 from deckline_lab.rivals.classical import ClassicalDetector
 from deckline_lab.rivals.dark_channel import DarkChannelDehazer
-from deckline_lab.rivals.linear_light import LinearGeometryDehazer
 
 # As in `deckline`: from the `Engine` that computes a network.
 RIVAL_DEHAZERS: dict[str, Callable[..., Dehazer]] = {
     "dark-channel": lambda engine=CPU: DarkChannelDehazer(),
-    "geometry-linear": lambda engine=CPU: LinearGeometryDehazer(),
     "paper-scene": lambda engine=CPU: OnnxDehazer(
         shipped_weights("paper-scene", LAB_WEIGHTS), "paper-scene", engine, network_only=True
     ),
