@@ -10,6 +10,7 @@ from steady_view import CALM, KNOWN, advance, numbers_in, reasons, seen, settled
 from test_track_tracker import deviations
 
 from deckline.config import Integrity
+from deckline.probability import chi2_gate
 from deckline.track import Tracker
 from deckline.track.filter import update
 from deckline.track.integrity import FaultMonitor, LeftOut
@@ -239,6 +240,21 @@ def test_a_line_that_was_flagged_stays_out_until_it_moves_though_it_would_pass(m
     before = measurement.innovation[measurement.rows("right")] + [moved_m, 0.0]
     out = {Reason.RIGHT: LeftOut(state.time_s - lasts_s, before)}
     gated = FaultMonitor(left_out=out).gate(state, measurement, CALM)
+    assert [diagnostic.reason for diagnostic in gated.excluded] == ([Reason.RIGHT] if is_out else [])
+
+
+@pytest.mark.parametrize(("sigma", "is_out"), [(2.5, False), (4.0, True)])
+def test_a_line_that_was_flagged_and_came_nearer_returns_where_all_agrees_well(sigma, is_out):
+    lines, pose = seen(np.random.default_rng(0)).lines, Pose(np.array([-100.0, 0.0, -35.0]), np.zeros(3), np.zeros(3))
+    state = settled_on(lines, pose)
+    measurement = measure(state, lines, DepthMode.FINE, pose, CALM)
+    shift = np.eye(len(measurement.innovation))[measurement.rows("right")[0]]
+    variance = measurement.design @ state.covariance @ measurement.design.T + measurement.noise
+    size = np.sqrt(chi2_gate(sigma, len(shift)) / (shift @ np.linalg.solve(variance, shift)))
+    near = replace(measurement, innovation=size * shift)
+    assert select_consistent(state, near, CALM.tracking.gate_sigma).excluded == ()
+    out = {Reason.RIGHT: LeftOut(state.time_s - 1.0, 4 * near.innovation[near.rows("right")])}
+    gated = FaultMonitor(left_out=out).gate(state, near, CALM)
     assert [diagnostic.reason for diagnostic in gated.excluded] == ([Reason.RIGHT] if is_out else [])
 
 

@@ -69,7 +69,7 @@ class FaultMonitor:
         well. While it is left out the state's covariance grows, until what is as wrong as before would pass the gate.
         """
         flagged = {reason for reason in self.left_out if self._is_flagged(reason, state.time_s, config)}
-        agrees = is_consistent(state, measurement, RETURN_SIGMA)
+        agrees = bool(flagged) and is_consistent(state, measurement, RETURN_SIGMA)
         kept_out = {
             reason
             for reason in flagged & measurement.rows_by_reason().keys()
