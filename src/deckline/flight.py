@@ -27,6 +27,7 @@ from deckline.config import Engine, RunConfig
 from deckline.dehaze import DEHAZERS, Dehazer, DehazeResult, OnnxDehazer, dehaze_for_display, dehaze_frame
 from deckline.detect import DETECTORS, Detector, OnnxDetector, SearchingDetector, SearchScheduler
 from deckline.detect.joined import FrameStack, view_joined, view_place_joined
+from deckline.detect.motion import DeckMotion, place_motion
 from deckline.detect.prior import ImagePrior, prior_from_survey, project_prior
 from deckline.guide import guidance
 from deckline.localize import Localizer, localize
@@ -217,15 +218,15 @@ class Flight:
             box = None if known is None else project_prior(frame, known)
             if known is not None and box is not None:
                 is_sure = known is tracked and self.tracker is not None and not self.tracker.is_flagged
-                joined = partial(view_joined, stack=self._stack, runway=known, velocity_m_s=velocity)
+                joined = partial(view_joined, stack=self._stack, motion=DeckMotion(known, velocity))
                 break
         else:
             box = None if self.tracker is None else self._image_prior.predict(frame)
+            if box is not None:
+                joined = partial(view_joined, stack=self._stack, motion=place_motion(frame, box, velocity))
         if self._scheduler is None:
             return self.detector(picture, box)
-        at_place = None  # without a plane no picture can be joined with another one
-        if frame.world_from_camera is not None and frame.deck_z_m is not None:
-            at_place = partial(view_place_joined, stack=self._stack, frame=frame, velocity_m_s=velocity)
+        at_place = partial(view_place_joined, stack=self._stack, frame=frame, velocity_m_s=velocity)
         return self._scheduler.detect(frame.time_s, picture, box, is_sure, joined, at_place)
 
     def _monitor(

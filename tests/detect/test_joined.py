@@ -12,7 +12,8 @@ from deckline.dehaze.base import IdentityDehazer
 from deckline.detect.anchors import NetworkOutput
 from deckline.detect.coarse_to_fine import DetectConfig
 from deckline.detect.crop import CONTRAST_FLOOR, Crop, normalise, sample_crop
-from deckline.detect.joined import MAX_AGE_S, FrameStack, KeptPicture, plane_homography, view_joined, view_place_joined
+from deckline.detect.joined import MAX_AGE_S, FrameStack, view_joined, view_place_joined
+from deckline.detect.motion import DeckMotion, KeptPicture, SeenMotion, plane_homography
 from deckline.detect.registration import CELL_PX, measure_shift
 from deckline.detect.scheduler import SearchingDetector, SearchScheduler
 from deckline.detect.search import Search
@@ -69,7 +70,11 @@ def stack_of(frames):
 
 
 def join(frames, velocity=STILL):
-    return stack_of(frames).join(CROP, SIZE, RUNWAY, velocity)
+    return stack_of(frames).join(CROP, SIZE, DeckMotion(RUNWAY, velocity))
+
+
+def join_pictures(frames):
+    return stack_of([replace(frame, world_from_body=None) for frame in frames]).join(CROP, SIZE, None)
 
 
 def clean(index, **how):
@@ -123,6 +128,26 @@ def test_noise_falls_by_the_square_root_of_the_number(ahead_m):
     assert several.frames == 8
     assert several.noise_gain == pytest.approx(1 / np.sqrt(8), rel=0.05)
     assert rms(several.pixels - truth) / rms(one - truth) < 1.2 / np.sqrt(8)
+
+
+@pytest.mark.parametrize("ahead_m", [0.0, 6.5, 15.0])  # hovering, at 65 and at 150 m/s
+def test_pictures_without_poses_are_joined_by_what_they_show(ahead_m):
+    joined = join_pictures([take(k, ahead_m=ahead_m) for k in range(8)])
+    assert joined.frames == 8
+    assert rms(joined.pixels - clean(7, ahead_m=ahead_m)) < 3.0  # of a texture of 20 levels
+
+
+def test_pictures_tell_how_fast_a_place_comes_nearer():
+    motion = SeenMotion()
+    assert stack_of([take(k, ahead_m=12.0) for k in range(8)]).join(CROP, SIZE, motion).frames == 8
+    assert motion.expansion_per_s == pytest.approx(120.0 / 516.0, abs=0.03)
+
+
+def test_a_scene_cut_and_a_picture_of_another_size_are_left_out_without_poses():
+    assert join_pictures([take(k, seed=9) for k in range(5)] + [take(k) for k in range(5, 8)]).frames == 3
+    assert join_pictures([take(k, seed=9) for k in range(7)] + [take(7)]) is None
+    small = replace(take(0), image_rgb=take(0).image_rgb[::2, ::2], camera=Camera(128, 72, 320.0, 320.0, 63.5, 35.5))
+    assert join_pictures([small, take(1), take(2)]).frames == 2
 
 
 def test_the_contrast_floor_falls_with_the_noise():
@@ -197,16 +222,14 @@ def test_memory_and_age_are_bounded_and_repeated_pictures_count_once():
     assert len(stack) == 1
     stack.add(replace(frame, time_s=1.0), take(3).image_rgb)  # time runs backwards
     assert len(stack) == 1
-    stack.add(replace(frame, time_s=1.1, world_from_body=None), take(4).image_rgb)
-    assert len(stack) == 0
     stack.add(frame, frame.image_rgb)
     stack.reset()
-    assert stack.join(CROP, SIZE, RUNWAY, STILL) is None
+    assert stack.join(CROP, SIZE, DeckMotion(RUNWAY, STILL)) is None
 
 
 def test_a_crop_that_shrinks_the_picture_is_not_joined():
     stack = stack_of([take(0), take(1)])
-    assert stack.join(Crop(-40.0, 0.0, 1.1), SIZE, RUNWAY, STILL) is None
+    assert stack.join(Crop(-40.0, 0.0, 1.1), SIZE, DeckMotion(RUNWAY, STILL)) is None
 
 
 LEFT, RIGHT, BOX = (600.0, 500.0, 630.0, 400.0), (700.0, 500.0, 670.0, 400.0), (590.0, 390.0, 710.0, 510.0)
@@ -244,7 +267,7 @@ def test_a_joined_view_costs_one_inference_and_states_its_frames():
     search = Search(image, oracle, DetectConfig())
     search.search_prior(BOX)
     before = len(oracle.views)
-    view = view_joined(search, BOX, stack, RUNWAY, STILL)
+    view = view_joined(search, BOX, stack, DeckMotion(RUNWAY, STILL))
     assert len(oracle.views) == before + 1
     assert view.lines.frames == 4
     u, v = view.lines.left.points_px.T
@@ -253,7 +276,7 @@ def test_a_joined_view_costs_one_inference_and_states_its_frames():
     assert (len(oracle.views), place.lines.frames) == (before + 2, 4)
     u, v = place.lines.left.points_px.T
     assert np.median(np.abs(u - 600 - (500 - v) * 0.3)) < 0.2
-    assert view_place_joined(search, BOX, stack, frame, STILL) is None  # the deck's height is not known
+    assert view_place_joined(search, BOX, stack, frame, STILL).lines.frames == 4  # the deck's height is not known
 
 
 class NoiseShyDetector(SearchingDetector):

@@ -14,13 +14,16 @@ REACH_CELLS = 12  # the farthest shift that is looked for along each axis
 # Of pictures of one place. Two pictures of `cvn` at 1.27 km in 1500 m visibility have 0.44 and more, those of places
 # farther apart than was looked for 0.33 and less, in 3000 m visibility as in pure haze.
 MIN_CORRELATION = 0.38
+MAX_STRETCH = 0.1  # of an affine map, or rad: what pictures of other places need to resemble each other
+AFFINE_STEPS = cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 1e-4  # at most so many; the correlation's last gain
 WIDTH_PX = 320  # of whole pictures that are compared
 MIN_RESPONSE = 0.1  # of the peak of their phase correlation; a lower one is chance, as between two scenes
 
 Float32 = NDArray[np.float32]
+Float64 = NDArray[np.float64]
 
 
-def measure_shift(reference: Float32, other: Float32) -> NDArray[np.float64] | None:
+def measure_shift(reference: Float32, other: Float32) -> Float64 | None:
     """What has to be added to places of the reference to find them in the other picture, px (2,): right, down.
 
     The maximum of the normalised cross-correlation, to a fraction of a cell by a parabola along each axis.
@@ -39,6 +42,32 @@ def measure_shift(reference: Float32, other: Float32) -> NDArray[np.float64] | N
         return None
     along = _vertex(surface[row, column - 1 : column + 2]), _vertex(surface[row - 1 : row + 2, column])
     return CELL_PX * (np.array([column, row]) - REACH_CELLS + along)
+
+
+def measure_affine(reference: Float32, other: Float32) -> Float64 | None:
+    """The affine map from places of a reference, px, to those of the other picture, (3, 3) homogeneous.
+
+    By Evangelidis and Psarakis, "Parametric image alignment using enhanced correlation coefficient maximization", IEEE
+    TPAMI 30(10), 2008. It finds what is a few cells or degrees away.
+
+    Args:
+        reference, other: as for `measure_shift`.
+
+    Returns:
+        None where it does not converge, or the pictures then do not resemble each other.
+    """
+    details, still = _details(reference), np.eye(2, 3, dtype=np.float32)
+    try:
+        correlation, affine = cv2.findTransformECC(
+            details, _details(other), still.copy(), cv2.MOTION_AFFINE, AFFINE_STEPS, np.ones(details.shape, np.uint8), 1
+        )
+    except cv2.error:  # says by this that it does not converge
+        return None
+    is_near = np.abs(affine[:, :2] - still[:, :2]).max() <= MAX_STRETCH and np.abs(affine[:, 2]).max() <= REACH_CELLS
+    if not (is_near and correlation >= MIN_CORRELATION):
+        return None
+    to_px = np.array([[CELL_PX, 0.0, (CELL_PX - 1) / 2], [0.0, CELL_PX, (CELL_PX - 1) / 2], [0.0, 0.0, 1.0]])
+    return np.asarray(to_px @ np.vstack([affine, [0.0, 0.0, 1.0]]) @ np.linalg.inv(to_px))
 
 
 def _details(pixels: Float32) -> Float32:
@@ -67,7 +96,7 @@ def small_grey(image_rgb: NDArray[np.uint8]) -> Float32:
     return cv2.cvtColor(small, cv2.COLOR_RGB2GRAY).astype(np.float32)
 
 
-def picture_shift(before: Float32, after: Float32) -> NDArray[np.float64] | None:
+def picture_shift(before: Float32, after: Float32) -> Float64 | None:
     """How far `after` is moved against `before`, both of `small_grey`: (du, dv) in image widths.
 
     By phase correlation: an aircraft that turns moves all far objects alike. None where the pictures have nothing in

@@ -88,6 +88,7 @@ def detection(
     prior_sigma_m: float | None = None,
     out: Path | None = None,
     flown: bool = False,
+    poses: bool = True,
     single: bool = True,
     worst: int = 0,
     output: Output = TO_TERMINAL,
@@ -106,6 +107,7 @@ def detection(
             without a runway a false one in view.
         out: folder of the scores of every frame and of the worst frames' pictures.
         flown: fly the recordings too, tracked and with their poses as in `deckline run`, beside single pictures.
+        poses: with --flown, give the flight its poses; without them it is flown as a video.
         single: score single pictures, each searched whole, up to 44 views; with --flown they can be left out.
         worst: so many of the worst frames become pictures in --out, with a line of figures each in worst.md.
         output: files of the results.
@@ -116,11 +118,14 @@ def detection(
         raise ValueError(f"--prior-sigma-m must be a number of metres, 0 or more, got {prior_sigma_m}")
     if flown and not sources:
         raise ValueError("--flown needs recordings: rendered views are no flight")
+    if not poses and not flown:
+        raise ValueError("--no-poses is for flights: state --flown as well")
     if not single and not flown:
         raise ValueError("--no-single leaves nothing to score: state --flown as well")
     sets = render.open_sets(sources)
     flight = flight_from_config(single_frames_with(dehazer, detector))
-    modes = _score_modes(sets, flight, prior_sigma_m, flown, single, out)
+    with FlightPerSet(sets, flight, poses) as flights:
+        modes = _score_modes(sets, flight, prior_sigma_m, flights if flown else None, single, out)
     scores = next(iter(modes.values()))
     title = f"{name_sets(sets)}; dehazer {dehazer}, detector {detector}"
     title += "" if prior_sigma_m is None else f"; runway prior with 1-sigma of {prior_sigma_m:g} m"
@@ -137,7 +142,12 @@ def detection(
 
 
 def _score_modes(
-    sets: Sequence[FrameSet], flight: Flight, prior_sigma_m: float | None, flown: bool, single: bool, out: Path | None
+    sets: Sequence[FrameSet],
+    flight: Flight,
+    prior_sigma_m: float | None,
+    flown: FlightPerSet | None,
+    single: bool,
+    out: Path | None,
 ) -> dict[str, list[DetectionScore]]:
     """The scores of single pictures and those as flown, where they are asked for."""
 
@@ -148,12 +158,11 @@ def _score_modes(
         return flight(sample.frame, prior=prior_of(sample)).detection
 
     stated = {"prior_sigma_m": prior_sigma_m}
-    with FlightPerSet(sets, flight) as flights:
-        modes: dict[str, Finder] = {SINGLE: Finder(out, settings_of(flight) | stated, find)} if single else {}
-        if flown:
-            settings, folder = flights.settings | stated, None if out is None else out / FLOWN_FOLDER
-            modes[FLOWN] = Finder(folder, settings, lambda one: flights(one, prior_of(one)).detection, in_order=True)
-        return dict(zip(modes, score_detections(sets, list(modes.values())), strict=True))
+    modes: dict[str, Finder] = {SINGLE: Finder(out, settings_of(flight) | stated, find)} if single else {}
+    if flown is not None:
+        settings, folder = flown.settings | stated, None if out is None else out / FLOWN_FOLDER
+        modes[FLOWN] = Finder(folder, settings, lambda one: flown(one, prior_of(one)).detection, in_order=True)
+    return dict(zip(modes, score_detections(sets, list(modes.values())), strict=True))
 
 
 def detectors(

@@ -13,6 +13,7 @@ from deckline.types import RunwayPrior
 from deckline_lab.evaluation.detection_score import DetectionScore, summarise, visible_figures, with_scene
 from deckline_lab.evaluation.detection_truth import SceneKind
 from deckline_lab.evaluation.frames import FrameSample, FrameSet
+from deckline_lab.evaluation.picture_alone import without_pose
 from deckline_lab.evaluation.tables import Columns, Figures, Table, cells
 from deckline_lab.evaluation.visible_distance import CELLS, NOTE
 
@@ -30,18 +31,22 @@ COLUMNS: Columns = {
     **CELLS,
 }
 FLOWN_NOTE = """\
-as flown: every recording is one flight with its poses, tracked as in `deckline run`. wrong: decks with points on both \
+as flown: every recording is one flight, tracked as in `deckline run`. wrong: decks with points on both \
 lines, either of which is not right."""
 
 
 class FlightPerSet:
-    """Flies every set of frames as one flight with the models of another; leaving it as a context ends its threads."""
+    """Flies every set of frames as one flight with the models of another; leaving it as a context ends its threads.
 
-    def __init__(self, sets: Sequence[FrameSet], models: Flight) -> None:
+    Args:
+        poses: give the flight the frames' poses; else it sees them as a video's.
+    """
+
+    def __init__(self, sets: Sequence[FrameSet], models: Flight, poses: bool) -> None:
         self._configs = {
             item.name: replace(item.base_config or RunConfig(), models=models.config.models) for item in sets
         }
-        self._models = models
+        self._models, self._poses = models, poses
         self._source: str | None = None
         self._flight: Flight | None = None
 
@@ -52,14 +57,15 @@ class FlightPerSet:
         for name, config in self._configs.items():
             with self._start(config) as flight:
                 flown[name] = settings_of(flight)
-        return {"flown": flown}
+        return {"flown": flown, "poses": self._poses}
 
     def __call__(self, sample: FrameSample, prior: RunwayPrior | None = None) -> FrameResult:
         """The next frame of its set, from the first one on."""
         if self._flight is None or self._source != sample.source or sample.index == 0:
             self.close()
             self._source, self._flight = sample.source, self._start(self._configs[sample.source])
-        return self._flight(sample.frame, prior=prior)
+        frame = sample.frame if self._poses else without_pose(sample.frame)
+        return self._flight(frame, prior=prior)
 
     def _start(self, config: RunConfig) -> Flight:
         return Flight(config, self._models.dehazer, self._models.detector)

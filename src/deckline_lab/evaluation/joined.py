@@ -13,6 +13,7 @@ from deckline.config import Engine
 from deckline.detect import DETECTORS, SearchingDetector
 from deckline.detect.crop import sample_crop
 from deckline.detect.joined import FrameStack, view_joined
+from deckline.detect.motion import DeckMotion
 from deckline.detect.prior import project_prior
 from deckline.detect.search import CropView
 from deckline.extras import needs_extra
@@ -28,8 +29,15 @@ FOV_DEG = float(np.rad2deg(2 * np.arctan(0.5)))
 SEED = 1000  # of the first approach
 HAZED = 51  # random stream
 BESIDE_M = (-200.0, -100.0, 100.0, 200.0)  # of boxes without a runway, right of it
-CASES = {"still": (0.0, 0.0), "1 px of jitter": (0.0, 1.0), "pitching deck": (5.0, 0.0)}  # sea state, pose noise in px
-STILL = "still"
+# Sea state, pose noise in px; None: no pose.
+CASES: dict[str, tuple[float, float | None]] = {
+    "still": (0.0, 0.0),
+    "1 px of jitter": (0.0, 1.0),
+    "pitching deck": (5.0, 0.0),
+    "still, no pose": (0.0, None),
+    "pitching deck, no pose": (5.0, None),
+}
+BESIDE_CASES = ("still", "still, no pose")  # in which boxes beside the ship are viewed
 NOTES = """\
 told where the runway is. right: both lines within 3 px in the median. error: of both lines' points, the median of
 right answers. beside: boxes 100 and 200 m left and right of the runway in which both lines are seen. joined: as a
@@ -77,7 +85,7 @@ def joined(
     for metres in visibility:
         for case, (sea, jitter_px) in CASES.items():
             flights = [_hazed(clear, metres, noise, jitter_px, k) for k, clear in enumerate(rendered[sea])]
-            answers = [_answer(detector, flight, case == STILL) for flight in flights]
+            answers = [_answer(detector, flight, case in BESIDE_CASES) for flight in flights]
             found = _summary(answers)
             figures |= {f"{metres:g}.{case}.{name}": value for name, value in found.items()}
             rows.append((f"{metres:g} m", case, *(number(value, _form(name)) for name, value in found.items())))
@@ -114,8 +122,8 @@ def _render(seed: int, frames: int, sea_state: float, range_m: float) -> list[Fr
         return [simulator.frame(index) for index in range(frames)]
 
 
-def _hazed(clear: list[Frame], visibility_m: float, noise: float, jitter_px: float, number: int) -> list[Frame]:
-    """The frames in haze, with camera noise, and poses whose pitch and yaw err; the truth has the exact ones."""
+def _hazed(clear: list[Frame], visibility_m: float, noise: float, jitter_px: float | None, number: int) -> list[Frame]:
+    """The frames in haze, with noise, and poses that err in pitch and yaw, or none; the truth has the exact ones."""
     found = []
     for index, frame in enumerate(clear):
         truth, pose = frame.truth, frame.world_from_body
@@ -125,8 +133,10 @@ def _hazed(clear: list[Frame], visibility_m: float, noise: float, jitter_px: flo
         t = transmission(range_m, beta_from_visibility(visibility_m))[..., None]
         hazy = blend_airlight(truth.clear_rgb.astype(np.float32), np.asarray(truth.airlight_rgb, np.float32), t)
         image = np.clip(np.rint(hazy + rng.normal(0.0, noise, hazy.shape)), 0, 255).astype(np.uint8)
-        turn = Rotation.from_rotvec(rng.normal(0.0, jitter_px / frame.camera.fx, 3) * [0.0, 1.0, 1.0])
-        noisy = RigidTransform.from_components(pose.translation, pose.rotation * turn)
+        noisy = None
+        if jitter_px is not None:
+            turn = Rotation.from_rotvec(rng.normal(0.0, jitter_px / frame.camera.fx, 3) * [0.0, 1.0, 1.0])
+            noisy = RigidTransform.from_components(pose.translation, pose.rotation * turn)
         known = replace(truth, world_from_body=pose)
         found.append(replace(frame, image_rgb=image, world_from_body=noisy, depth_m=None, truth=known))
     return found
@@ -149,9 +159,10 @@ def _look(
     box = project_prior(replace(newest, world_from_body=newest.true_world_from_body), runway)
     if box is None:
         return None, None, float("nan")
+    motion = None if newest.world_from_body is None else DeckMotion(runway, np.zeros(2))
     search = detector.start_search(newest.image_rgb)
     one, start = search.search_prior(box), time.process_time()
-    several, middle = view_joined(search, box, stack, runway, np.zeros(2)), time.process_time()
+    several, middle = view_joined(search, box, stack, motion), time.process_time()
     search.view_crop(search.crops[-1])
     return one, several, (middle - start) / (time.process_time() - middle)
 
@@ -209,7 +220,7 @@ def _draw(detector: SearchingDetector, flights: list[list[Frame]], path: Path) -
         box = project_prior(newest, runway)
         assert box is not None and newest.truth is not None and newest.truth.clear_rgb is not None
         search.search_prior(box)
-        several = stack.join(search.crops[-1], size, runway, np.zeros(2))
+        several = stack.join(search.crops[-1], size, DeckMotion(runway, np.zeros(2)))
         one, clear = (
             sample_crop(image, search.crops[-1], size) for image in (newest.image_rgb, newest.truth.clear_rgb)
         )

@@ -109,7 +109,7 @@ def score_recording(
     return scores
 
 
-def without_pose(frame: Frame, focal_sigma: float, focal_error: float) -> Frame:
+def without_pose(frame: Frame, focal_sigma: float = 0.0, focal_error: float = 0.0) -> Frame:
     """The frame as a video has it, its focal length stated wrong by a share, with the 1-sigma of that."""
     camera = frame.camera
     camera = replace(

@@ -13,6 +13,7 @@ from deckline.cli.main import main
 from deckline.detect import DETECTORS
 from deckline.recording import RecordingWriter
 from deckline.types import Detection, LinePoints
+from deckline_lab.evaluation.chain import single_frames_with
 from deckline_lab.evaluation.dehazers import detector_label
 from deckline_lab.evaluation.detection import (
     SCORES_FILE,
@@ -23,7 +24,7 @@ from deckline_lab.evaluation.detection import (
     score_detections,
 )
 from deckline_lab.evaluation.detection_cost import cost_table, measure_costs
-from deckline_lab.evaluation.detection_flown import approach_figures
+from deckline_lab.evaluation.detection_flown import FlightPerSet, approach_figures
 from deckline_lab.evaluation.detection_score import DetectionScore
 from deckline_lab.evaluation.detection_truth import SceneKind
 from deckline_lab.evaluation.frames import Recorded, name_sets, open_recorded
@@ -31,6 +32,7 @@ from deckline_lab.evaluation.lane_scores import TuSimple
 from deckline_lab.evaluation.pictures import figures_line, write_worst
 from deckline_lab.labels import LabelledImage, write_labels
 from deckline_lab.labels.of_frame import label_frame
+from deckline_lab.rivals.catalog import flight_from_config
 from deckline_lab.rivals.classical import ClassicalDetector
 from golden import check_golden
 
@@ -270,6 +272,18 @@ def test_recordings_are_flown_beside_single_pictures(tmp_path, capsys):
     }
     assert "recordings" in refuse(capsys, "detection", "--flown")
     assert "--flown" in refuse(capsys, "detection", str(folder), "--no-single")
+    assert "--flown" in refuse(capsys, "detection", str(folder), "--no-poses")
+
+
+def test_recordings_are_flown_without_their_poses(tmp_path):
+    folder = write_approach(tmp_path / "approach", 3)
+    (flown,), models = open_recorded([folder]), flight_from_config(single_frames_with("none", "classical"))
+    frames = {}
+    for poses in (True, False):
+        with models, FlightPerSet([flown], models, poses) as flights:
+            frames[poses] = [flights(flown.load(index)).frame for index in range(3)]
+    assert all(frame.world_from_body is not None and frame.deck_z_m is not None for frame in frames[True])
+    assert all(frame.world_from_body is None and frame.deck_z_m is None for frame in frames[False])
 
 
 def score_of(index: int, found: int, range_m: float = 150.0, scene: SceneKind = SceneKind.DECK) -> DetectionScore:
