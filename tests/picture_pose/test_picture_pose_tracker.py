@@ -94,6 +94,16 @@ def test_errors_agree_with_the_covariance(monkeypatch):
     assert squares.mean() > 0.05
 
 
+def test_joined_frames_count_less_than_single_ones(monkeypatch):
+    sigmas = []
+    for frames in (1, 8):
+        follower, rng = with_horizon(monkeypatch), np.random.default_rng(1)
+        for time_s in seconds(0.0, 1.0):
+            follower(frame_at(time_s), replace(see(FLIGHT(time_s), rng=rng), frames=frames))
+        sigmas.append(np.sqrt(np.diag(follower.belief.covariance)[States.RATES]))
+    assert np.all(sigmas[1] > sigmas[0]) and sigmas[1][2] > 1.1 * sigmas[0][2]
+
+
 def test_a_reset_forgets_all_frames(follower):
     first = follower.follow(FLIGHT, seconds(0.0, 1.5))
     follower.tracker.reset()

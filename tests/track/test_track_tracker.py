@@ -11,8 +11,7 @@ from steady_view import CALM, KNOWN, NOTHING, advance, advance_all, numbers_in, 
 
 from deckline.config import Deck, RunConfig
 from deckline.track import Tracker
-from deckline.track.tracker import noise_inflation
-from deckline.trackers import CORRELATION_TIME_S
+from deckline.trackers import CORRELATION_TIME_S, noise_inflation
 from deckline.types import Diagnostic, LineVisibility, Reason, Track, TrackState
 
 

@@ -21,7 +21,7 @@ from deckline.picture_pose.ramp import SPAN_S, RampFix, RampSight, check_closing
 from deckline.picture_pose.sights import HorizonSight, LevelSight, LineSight, sight_horizon
 from deckline.picture_pose.states import PLACE_SIGMA_M, TURN_SIGMA_RAD_S, Belief, States, predict
 from deckline.probability import chi2_gate
-from deckline.trackers import CORRELATION_TIME_S, RAMP_CORRELATION_S
+from deckline.trackers import RAMP_CORRELATION_S, noise_inflation
 from deckline.types import SIDES, Detection, Diagnostic, Diagnostics, Frame, Reason, RunwayEstimate
 
 Array = NDArray[np.float64]
@@ -106,7 +106,7 @@ def use_lines(
 ) -> None:
     """Update with the lines that passed the gate, and with the ramp now and then."""
     time_s = picture.frame.time_s
-    times = max(1.0, CORRELATION_TIME_S / max(step_s, MIN_STEP_S))
+    times = noise_inflation(step_s, time_s - memory.seen_s, picture.detection.frames)
     level = _select_level(memory, picture, config)
     sighting = Sighting(time_s, lines, None, level, times, picture.mount)
     memory.belief = _update_lines(memory.belief, sighting)

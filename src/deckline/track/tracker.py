@@ -16,7 +16,7 @@ from deckline.track.prior_tests import is_young
 from deckline.track.protection import fault_gains
 from deckline.track.stated_width import compare_width
 from deckline.track.states import SENSOR_FLOOR, FilterState, initial_state
-from deckline.trackers import CORRELATION_TIME_S, NEW_FLIGHT_S, UNUSABLE
+from deckline.trackers import NEW_FLIGHT_S, UNUSABLE, noise_inflation
 from deckline.types import (
     SIDES,
     Diagnostic,
@@ -267,25 +267,6 @@ class Tracker:
         step_s = 0.0 if memory.extent is None else time_s - memory.seen_s
         extent = update_extent(memory.extent, state, visible, ramp, step_s, along, self.config.tracking.gate_sigma)
         return replace(memory, state=state, extent=extent, seen_s=time_s, consistent_s=time_s)
-
-
-def noise_inflation(step_s: float, since_s: float, frames: int) -> float:
-    """By how much a measurement's covariance is inflated, as it is not independent of those before it.
-
-    Single frames err alike over a correlation time T: T / step of them count as one. Lines from n joined frames, of
-    which s were there at the last update, bring n - s new ones: in the next n updates every frame would count n times,
-    so that each may count n / (n - s). n - s is since / step, at most n. A moving average of n frames keeps the noise's
-    density at zero frequency, which is that of the frames; hence the larger of the two factors, not their product.
-
-    Args:
-        step_s: since the frame before, s; 0: there is none.
-        since_s: since lines last updated the track, s; infinite: never.
-        frames: n.
-
-    Source: Bayley and Hammersley, "The effective number of independent observations", 1946.
-    """
-    correlated = CORRELATION_TIME_S / step_s if 0 < step_s < CORRELATION_TIME_S else 1.0
-    return max(correlated, frames * step_s / since_s, 1.0)
 
 
 def ship_velocity(prediction: Prediction | None, config: RunConfig) -> Array:
