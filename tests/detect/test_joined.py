@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
@@ -14,7 +15,7 @@ from deckline.detect.coarse_to_fine import DetectConfig
 from deckline.detect.crop import CONTRAST_FLOOR, Crop, normalise, sample_crop
 from deckline.detect.joined import MAX_AGE_S, FrameStack, view_joined, view_place_joined
 from deckline.detect.motion import DeckMotion, KeptPicture, SeenMotion, plane_homography
-from deckline.detect.registration import CELL_PX, measure_shift
+from deckline.detect.registration import CELL_PX, measure_affine, measure_shift
 from deckline.detect.scheduler import SearchingDetector, SearchScheduler
 from deckline.detect.search import Search
 from deckline.flight import Flight
@@ -117,6 +118,18 @@ def test_a_shift_is_measured_to_a_tenth_of_a_pixel_in_noise(shift):
     assert measure_shift(reference, clean(0, seed=5)) is None
     far = Crop(CROP.left - 20 * CELL_PX * CROP.step, CROP.top, CROP.step)
     assert measure_shift(reference, sample_crop(image, far, SIZE)) is None
+
+
+@pytest.mark.parametrize(("degrees", "zoom", "shift"), [(0.0, 1.0, (3.3, -2.1)), (2.0, 0.97, (0.0, 5.0))])
+def test_a_turn_and_a_zoom_are_measured_in_noise(degrees, zoom, shift):
+    sharp, (width, height) = clean(0), SIZE
+    to_other = np.vstack([cv2.getRotationMatrix2D(((width - 1) / 2, (height - 1) / 2), degrees, zoom), [0, 0, 1]])
+    to_other[:2, 2] += shift
+    other = cv2.warpAffine(sharp, to_other[:2], SIZE, borderMode=cv2.BORDER_REFLECT)
+    found = measure_affine(sharp, other + np.random.default_rng(0).normal(0.0, 4.0, other.shape).astype(np.float32))
+    near = np.array([[150.0, 80.0, 1.0], [350.0, 200.0, 1.0]])
+    np.testing.assert_allclose(near @ found.T, near @ to_other.T, atol=0.2 * CELL_PX)
+    assert measure_affine(sharp, clean(0, seed=5)) is None
 
 
 @pytest.mark.parametrize("ahead_m", [6.5, 0.0])  # flying, and hovering without any baseline
