@@ -103,15 +103,10 @@ class SeenMotion:
     """
 
     def __init__(self) -> None:
-        self._expansion_per_s = 0.0  # closing speed over range
+        self.expansion_per_s = 0.0  # closing speed over range, by the pictures registered
         self._turn_rad_s = 0.0
         self._drift_px_s = np.zeros(2)  # of the crop's middle, from new pictures to older ones, network px
         self._age_s, self._middle_px = 0.0, np.zeros(2)  # of the last picture sampled
-
-    @property
-    def expansion_per_s(self) -> float:
-        """Closing speed over range; 0 before a picture is registered."""
-        return self._expansion_per_s
 
     def corners(self, old: KeptPicture, new: KeptPicture, crop: Crop, size: tuple[int, int]) -> Float64 | None:
         if old.image_rgb.shape != new.image_rgb.shape:
@@ -122,7 +117,7 @@ class SeenMotion:
         return crop.to_image(at)
 
     def range_ratio(self, old: KeptPicture, new: KeptPicture) -> float:
-        return 1.0 + self._expansion_per_s * (new.time_s - old.time_s)
+        return 1.0 + self.expansion_per_s * (new.time_s - old.time_s)
 
     def register(self, reference: Float32, sampled: Float32) -> Float64 | None:
         found = measure_affine(reference, sampled)
@@ -131,7 +126,7 @@ class SeenMotion:
         matrix, age_s, middle = self._matrix(), self._age_s, self._middle_px
         shift = found[:2, :2] @ middle + found[:2, 2] - middle
         zoom = np.sqrt(np.linalg.det(found) * np.linalg.det(matrix))
-        self._expansion_per_s = float(1 / zoom - 1) / age_s
+        self.expansion_per_s = float(1 / zoom - 1) / age_s
         self._turn_rad_s += float(np.arctan2(found[1, 0] - found[0, 1], found[0, 0] + found[1, 1])) / age_s
         self._drift_px_s = self._drift_px_s + matrix @ shift / age_s
         return found
@@ -140,7 +135,7 @@ class SeenMotion:
         """(2, 2) about the middle, from a place in the newest picture to that in the last one sampled."""
         angle = self._age_s * self._turn_rad_s
         turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-        return turn / (1.0 + self._age_s * self._expansion_per_s)
+        return turn / (1.0 + self._age_s * self.expansion_per_s)
 
 
 def crop_corners(size: tuple[int, int]) -> Float64:

@@ -60,7 +60,7 @@ def sample_depth(depth_m: NDArray[np.float32], points_px: Array) -> Array:
     samples = depth_m[clipped[..., 1], clipped[..., 0]].astype(np.float64)
     valid = inside & np.isfinite(samples) & (samples > 0)
     inverse = 1.0 / np.where(valid, samples, 1.0)
-    median = np.ma.median(np.ma.array(inverse, mask=~valid), axis=1).filled(0.0)
+    median = _median(inverse, valid)
     valid &= np.abs(inverse - median[:, None]) <= MAX_INVERSE_DEPTH_STEP * median[:, None]
     enough = valid.sum(axis=1) >= MIN_SAMPLES
     result = np.full(len(points_px), np.nan)
@@ -72,6 +72,14 @@ def sample_depth(depth_m: NDArray[np.float32], points_px: Array) -> Array:
         value = np.linalg.solve(normal, right)[:, 0, 0]
         result[enough] = np.where(value > 0, 1.0 / np.where(value > 0, value, 1.0), np.nan)
     return result
+
+
+def _median(values: Array, valid: NDArray[np.bool_]) -> Array:
+    """Median (N,) of the valid ones of each row (N, M), 0 where none is; numpy's masked one takes ten times as long."""
+    ordered, count, row = np.sort(np.where(valid, values, np.inf), axis=1), valid.sum(axis=1), np.arange(len(values))
+    upper = np.minimum(count // 2, values.shape[1] - 1)
+    middle = (ordered[row, np.maximum(count - 1, 0) // 2] + ordered[row, upper]) / 2
+    return np.where(count > 0, middle, 0.0)
 
 
 def select_independent(points_px: Array, usable: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -89,7 +97,9 @@ def select_independent(points_px: Array, usable: NDArray[np.bool_]) -> NDArray[n
 
 def count_depths(depth_m: NDArray[np.float32], lines_px: list[Array]) -> list[int]:
     """How many points (N, 2) of each line have a depth."""
-    return [int(np.isfinite(sample_depth(depth_m, points)).sum()) for points in lines_px]
+    has_depth = np.isfinite(sample_depth(depth_m, np.concatenate(lines_px)))
+    parts = np.split(has_depth, np.cumsum([len(points) for points in lines_px])[:-1])
+    return [int(part.sum()) for part in parts]
 
 
 def choose_mode(frame: Frame, inliers_px: list[Array], mode: Mode) -> tuple[DepthMode, Diagnostic | None]:

@@ -90,7 +90,10 @@ def observe(
     on_deck = np.isfinite(rays).all(axis=1) & np.isfinite(steps).all(axis=1) & (rays @ rotation[2] > MIN_DOWN)
     log_depth = np.full(len(px), np.nan)
     if mode != "coarse" and frame.depth_m is not None:
-        log_depth = np.concatenate([_log_depths(frame.depth_m, line_px) for line_px in inliers])
+        depth = sample_depth(frame.depth_m, px)
+        parts = zip(inliers, np.split(np.isfinite(depth), np.cumsum(counts)[:-1]), strict=True)
+        alone = np.concatenate([select_independent(line_px, has_depth) for line_px, has_depth in parts])
+        log_depth = np.log(np.where(alone, depth, np.nan))
     index = np.repeat(np.arange(len(counts)), counts)
     enough = np.bincount(index[on_deck], minlength=len(counts)) >= MIN_LINE_POINTS
     names = tuple(side for side, is_enough in zip(pixel_lines, enough, strict=True) if is_enough)
@@ -101,12 +104,6 @@ def observe(
         for side in pixel_lines
         if side not in names
     )
-
-
-def _log_depths(depth_m: NDArray[np.float32], points_px: Array) -> Array:
-    """Logarithms (N,) of the depth at points (N, 2) of one line; NaN without one, or where another point has it."""
-    depth = sample_depth(depth_m, points_px)
-    return np.log(np.where(select_independent(points_px, np.isfinite(depth)), depth, np.nan))
 
 
 def initial_height(observations: Observations, deck_z_m: float | None, fine: bool) -> float | None:
