@@ -212,7 +212,7 @@ class Flight:
         tracked = None if prediction is None else prediction.runway
         if self._scheduler is not None:
             self._stack.add(frame, picture)
-        is_sure, joined = True, None  # the frames before confirm the box
+        is_sure, joined, is_wide = True, None, False  # the frames before confirm the box
         velocity = ship_velocity(prediction, self.config)
         for known in (prior, tracked, self._survey):
             box = None if known is None else project_prior(frame, known)
@@ -224,10 +224,11 @@ class Flight:
             box = None if self.tracker is None else self._image_prior.predict(frame)
             if box is not None:
                 joined = partial(view_joined, stack=self._stack, motion=place_motion(frame, box, velocity))
+                is_wide = True
         if self._scheduler is None:
             return self.detector(picture, box)
         at_place = partial(view_place_joined, stack=self._stack, frame=frame, velocity_m_s=velocity)
-        return self._scheduler.detect(frame.time_s, picture, box, is_sure, joined, at_place)
+        return self._scheduler.detect(frame.time_s, picture, box, is_sure, joined, at_place, is_wide)
 
     def _monitor(
         self, prediction: Prediction | None, estimate: RunwayEstimate, detection: Detection | None

@@ -15,7 +15,7 @@ from deckline.detect.coarse_to_fine import DetectConfig
 from deckline.detect.crop import CONTRAST_FLOOR, Crop, normalise, sample_crop
 from deckline.detect.joined import MAX_AGE_S, FrameStack, view_joined, view_place_joined
 from deckline.detect.motion import DeckMotion, KeptPicture, SeenMotion, plane_homography
-from deckline.detect.registration import CELL_PX, measure_affine, measure_shift
+from deckline.detect.registration import CELL_PX, grey, measure_affine, measure_shift
 from deckline.detect.scheduler import SearchingDetector, SearchScheduler
 from deckline.detect.search import Search
 from deckline.flight import Flight
@@ -103,7 +103,7 @@ def test_the_homography_is_that_of_points_on_a_moving_plane():
 def test_pictures_of_a_flight_are_registered_to_a_tenth_of_a_pixel():
     joined = join([take(k, noise=0.0) for k in range(8)])
     assert joined.frames == 8
-    shift_px = measure_shift(clean(7), joined.pixels) * CROP.step
+    shift_px = measure_shift(grey(clean(7)), grey(joined.pixels)) * CROP.step
     assert np.abs(shift_px).max() < 0.1
     assert rms(joined.pixels - clean(7)) < 1.0  # of a texture of 20 levels
 
@@ -113,23 +113,23 @@ def test_a_shift_is_measured_to_a_tenth_of_a_pixel_in_noise(shift):
     image, other = take(0).image_rgb, take(0, seed=0, noise=2.0).image_rgb
     reference = sample_crop(image, CROP, SIZE)
     moved = Crop(CROP.left - shift[0] * CROP.step, CROP.top - shift[1] * CROP.step, CROP.step)
-    found = measure_shift(reference, sample_crop(other, moved, SIZE))
+    found = measure_shift(grey(reference), grey(sample_crop(other, moved, SIZE)))
     np.testing.assert_allclose(np.array(found) * CROP.step, np.multiply(shift, CROP.step), atol=0.1)
-    assert measure_shift(reference, clean(0, seed=5)) is None
+    assert measure_shift(grey(reference), grey(clean(0, seed=5))) is None
     far = Crop(CROP.left - 20 * CELL_PX * CROP.step, CROP.top, CROP.step)
-    assert measure_shift(reference, sample_crop(image, far, SIZE)) is None
+    assert measure_shift(grey(reference), grey(sample_crop(image, far, SIZE))) is None
 
 
 @pytest.mark.parametrize(("degrees", "zoom", "shift"), [(0.0, 1.0, (3.3, -2.1)), (2.0, 0.97, (0.0, 5.0))])
 def test_a_turn_and_a_zoom_are_measured_in_noise(degrees, zoom, shift):
-    sharp, (width, height) = clean(0), SIZE
+    sharp, (width, height) = grey(clean(0)), SIZE
     to_other = np.vstack([cv2.getRotationMatrix2D(((width - 1) / 2, (height - 1) / 2), degrees, zoom), [0, 0, 1]])
     to_other[:2, 2] += shift
     other = cv2.warpAffine(sharp, to_other[:2], SIZE, borderMode=cv2.BORDER_REFLECT)
     found = measure_affine(sharp, other + np.random.default_rng(0).normal(0.0, 4.0, other.shape).astype(np.float32))
     near = np.array([[150.0, 80.0, 1.0], [350.0, 200.0, 1.0]])
     np.testing.assert_allclose(near @ found.T, near @ to_other.T, atol=0.2 * CELL_PX)
-    assert measure_affine(sharp, clean(0, seed=5)) is None
+    assert measure_affine(sharp, grey(clean(0, seed=5))) is None
 
 
 @pytest.mark.parametrize("ahead_m", [6.5, 0.0])  # flying, and hovering without any baseline
@@ -265,6 +265,24 @@ def test_several_frames_are_viewed_once_and_only_where_one_is_not_sure():
     frames = [scheduler.detect(0.1 * k, picture, BOX, True, joined).frames for k, picture in enumerate(pictures)]
     assert frames == [1, 1, 8]
     assert len(calls) == 1
+
+
+@pytest.mark.parametrize(("is_wide", "views"), [(False, 1), (True, 2)])
+def test_a_wide_box_is_viewed_closer_before_pictures_are_joined(is_wide, views):
+    oracle, before, never_sure = Oracle(), [], DetectConfig(agreeing_probability=1.0)
+
+    class Detector(SearchingDetector):
+        def start_search(self, image_rgb):
+            return Search(image_rgb, oracle, never_sure)
+
+    def joined(search, box):
+        before.append(len(search.crops))
+
+    scheduler, wide = SearchScheduler(Detector(), 1.0), (490.0, 290.0, 810.0, 610.0)
+    empty = np.zeros((720, 1280, 3), np.uint8)
+    scheduler.detect(0.0, empty, None, True)  # searched whole
+    scheduler.detect(0.1, draw((1280, 720), LEFT, RIGHT), wide, True, joined, is_wide=is_wide)
+    assert before == [views]
 
 
 def test_a_joined_view_costs_one_inference_and_states_its_frames():

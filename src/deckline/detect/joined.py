@@ -7,7 +7,6 @@ brightness, and averaged.
 
 from collections import deque
 from dataclasses import dataclass
-from functools import partial
 
 import cv2
 import numpy as np
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 from deckline.detect.crop import CONTRAST_FLOOR, Box, Crop, crop_around, normalise, sample_crop
 from deckline.detect.motion import KeptPicture, Motion, SeenMotion, crop_corners, place_motion
+from deckline.detect.registration import grey
 from deckline.detect.search import CropView, Search
 from deckline.types import Frame
 
@@ -97,7 +97,7 @@ class FrameStack:
             sampled = _sample(picture, newest, crop, first, total, motion)
             if sampled is not None:
                 weight = _weight(motion.range_ratio(picture, newest))
-                total += np.float32(weight) * sampled
+                total = np.asarray(cv2.scaleAdd(sampled, weight, total))
                 weights.append(weight)
         if len(weights) < 2:
             return None
@@ -159,53 +159,60 @@ def _sample(
     corners = motion.corners(old, new, crop, (width, height))
     if corners is None or not _is_alike(corners, crop.to_image(crop_corners((width, height)))):
         return None
-    sample = partial(_warp, old.image_rgb, corners, (height, width))
-    sampled = sample(np.eye(3))
-    gain = _exposure_gain(sampled, first)
-    residual = None if gain is None else motion.register(total, sampled)
-    if gain is None or residual is None:
+    part, matrix = _cut_out(old.image_rgb, corners, (width, height))
+    residual = motion.register(grey(total), _warp(grey(part), matrix, (width, height)))
+    if residual is None:
         return None
-    sampled = sample(residual) * gain
-    unknown = np.isnan(sampled[..., 0])
-    if unknown.any():
+    sampled = _warp(part, matrix @ residual, (width, height))
+    gain = _exposure_gain(sampled, first)
+    if gain is None:
+        return None
+    sampled = np.asarray(cv2.transform(sampled, np.diag(gain)))
+    if np.isnan(_mean(sampled)[0]):
+        unknown = np.isnan(sampled[..., 0])
         sampled[unknown] = first[unknown]
     return sampled
 
 
 def _is_alike(corners_px: Float64, others_px: Float64) -> bool:
     """Whether the areas within corners (4, 2) are about as large."""
-    scale = np.sqrt(_area(corners_px) / _area(others_px))
+    areas = (cv2.contourArea(corners.astype(np.float32)) for corners in (corners_px, others_px))
+    scale = np.sqrt(next(areas) / next(areas))
     return bool(1 / MAX_SCALE <= scale <= MAX_SCALE)  # False for NaN
 
 
-def _area(corners: Float64) -> float:
-    x, y = corners.T
-    return float(abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2)
-
-
-def _warp(image_rgb: NDArray[np.uint8], corners_px: Float64, shape: tuple[int, int], moved: Float64) -> Float32:
-    """The part of an image between four corners, moved (3, 3) in network px: (height, width, 3), NaN outside."""
+def _cut_out(image_rgb: NDArray[np.uint8], corners_px: Float64, size: tuple[int, int]) -> tuple[Float32, Float64]:
+    """The part of an image about four corners, and the map (3, 3) to its pixels from those of a network's image."""
     height, width = image_rgb.shape[:2]
     low = np.clip(np.floor(corners_px.min(axis=0)).astype(int) - 8, 0, [width - 1, height - 1])
     high = np.clip(np.ceil(corners_px.max(axis=0)).astype(int) + 9, low + 1, [width, height])
     part = image_rgb[low[1] : high[1], low[0] : high[0]].astype(np.float32)
-    to_network = crop_corners(shape[::-1]).astype(np.float32)
+    to_network = crop_corners(size).astype(np.float32)
     matrix = cv2.getPerspectiveTransform(to_network, (corners_px - low).astype(np.float32))
-    matrix = matrix @ moved
+    return part, np.asarray(matrix, np.float64)
+
+
+def _warp(pixels: Float32, matrix: Float64, size: tuple[int, int]) -> Float32:
+    """What a network's image (width, height) shows of pixels (H, W) or (H, W, 3), NaN outside."""
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    outside = (np.nan, np.nan, np.nan)
-    return np.asarray(cv2.warpPerspective(part, matrix, shape[::-1], flags=flags, borderValue=outside))
+    return np.asarray(cv2.warpPerspective(pixels, matrix, size, flags=flags, borderValue=(np.nan,) * 3))
 
 
 def _exposure_gain(sampled: Float32, first: Float32) -> Float32 | None:
     """Ratio (3,) of two pictures' means of each colour, where both are known; None: another scene."""
-    both = np.isfinite(first[..., 0] + sampled[..., 0]).astype(np.uint8)
-    if 2 * np.count_nonzero(both) < both.size:
-        return None
-    means = (np.array(cv2.mean(pixels, mask=both)[:3]) for pixels in (first, sampled))
-    new, old = (mean + 1.0 for mean in means)  # black has no ratio
-    gain = new / old
+    new, old = _mean(first), _mean(sampled)
+    if not np.isfinite(new + old).all():
+        both = np.isfinite(first[..., 0] + sampled[..., 0]).astype(np.uint8)
+        if 2 * np.count_nonzero(both) < both.size:
+            return None
+        new, old = _mean(first, both), _mean(sampled, both)
+    gain = (new + 1.0) / (old + 1.0)  # black has no ratio
     return gain.astype(np.float32) if ((gain > 1 / MAX_EXPOSURE) & (gain < MAX_EXPOSURE)).all() else None
+
+
+def _mean(pixels: Float32, where: NDArray[np.uint8] | None = None) -> Float64:
+    """(3,) of (H, W, 3) where a mask (H, W) is not 0; NaN where a pixel is."""
+    return np.array(cv2.mean(pixels, mask=where)[:3])
 
 
 def _weight(range_ratio: float) -> float:

@@ -13,6 +13,7 @@ from deckline.detect.registration import measure_affine, measure_shift
 from deckline.geometry import Camera, rotation_matrix
 from deckline.types import Frame, RunwayPrior
 
+MAX_RANGE_RATIO = 1.05  # up to which the picture of a plane changes by an affine map
 MIN_HEIGHT_M = 1.0  # of a camera above the deck, below which the plane gives no homography
 
 Float32 = NDArray[np.float32]
@@ -46,7 +47,7 @@ class Motion(Protocol):
         """What a picture sampled between the corners is still off: (3, 3), from places of a reference, network px.
 
         Args:
-            reference, sampled: (height, width, 3) grey levels; NaN is unknown.
+            reference, sampled: (height, width) grey levels; NaN is unknown.
 
         Returns:
             None where it does not show the same place.
@@ -109,7 +110,7 @@ class SeenMotion:
         self._age_s, self._middle_px = 0.0, np.zeros(2)  # of the last picture sampled
 
     def corners(self, old: KeptPicture, new: KeptPicture, crop: Crop, size: tuple[int, int]) -> Float64 | None:
-        if old.image_rgb.shape != new.image_rgb.shape:
+        if old.image_rgb.shape != new.image_rgb.shape or self.range_ratio(old, new) > MAX_RANGE_RATIO:
             return None
         corners, self._age_s = crop_corners(size), new.time_s - old.time_s
         self._middle_px = corners.mean(axis=0)

@@ -29,7 +29,7 @@ def measure_shift(reference: Float32, other: Float32) -> Float64 | None:
     The maximum of the normalised cross-correlation, to a fraction of a cell by a parabola along each axis.
 
     Args:
-        reference, other: (H, W, 3) grey levels of the same size; NaN is unknown.
+        reference, other: (H, W) grey levels of the same size; NaN is unknown.
 
     Returns:
         None where no place resembles the reference, or the best one lies as far off as was looked for.
@@ -70,13 +70,17 @@ def measure_affine(reference: Float32, other: Float32) -> Float64 | None:
     return np.asarray(to_px @ np.vstack([affine, [0.0, 0.0, 1.0]]) @ np.linalg.inv(to_px))
 
 
+def grey(pixels: Float32) -> Float32:
+    """The mean (H, W) of the colours of (H, W, 3)."""
+    return np.asarray(cv2.transform(pixels, np.full((1, 3), 1 / 3, np.float32)))
+
+
 def _details(pixels: Float32) -> Float32:
-    """The luminance (H, W, 3) -> (H / 4, W / 4), without what is coarser or finer than a line; unknown is 0."""
+    """Grey levels (H, W) -> (H / 4, W / 4), without what is coarser or finer than a line; unknown is 0."""
     cells = cv2.resize(pixels, None, fx=1 / CELL_PX, fy=1 / CELL_PX, interpolation=cv2.INTER_AREA)
-    grey = cells.mean(axis=2)
-    unknown = ~np.isfinite(grey)
-    grey[unknown] = 0.0 if unknown.all() else np.nanmean(grey)
-    details = cv2.GaussianBlur(grey, (0, 0), BLUR_CELLS) - cv2.GaussianBlur(grey, (0, 0), BACKGROUND_CELLS)
+    unknown = ~np.isfinite(cells)
+    cells[unknown] = 0.0 if unknown.all() else np.nanmean(cells)
+    details = cv2.GaussianBlur(cells, (0, 0), BLUR_CELLS) - cv2.GaussianBlur(cells, (0, 0), BACKGROUND_CELLS)
     details[unknown] = 0.0
     return np.asarray(details)
 

@@ -113,6 +113,7 @@ class SearchScheduler:
         is_sure: bool,
         view_joined: ViewJoined | None = None,
         view_place_joined: ViewJoined | None = None,
+        is_wide: bool = False,
     ) -> Detection:
         """Lines in the next picture.
 
@@ -122,6 +123,7 @@ class SearchScheduler:
             is_sure: the pictures before confirm the box.
             view_joined: one view of several pictures, where this one alone does not surely show both lines in the box.
             view_place_joined: the same of a place that a search found, where nothing else is known of the runway.
+            is_wide: the box has a margin; it is viewed once more, closer, before pictures are joined.
         """
         before_s, passed_s = self._passed_s, time_s - self._seen_s
         self._passed_s, self._seen_s = passed_s, time_s
@@ -131,7 +133,7 @@ class SearchScheduler:
             self._held, self._place, passed_s = None, None, 0.0  # what was seen so long ago is elsewhere
             self._last_s = -np.inf
         search = self.detector.start_search(image_rgb)
-        at_box = None if box is None else self._view_box(search, box, view_joined)
+        at_box = None if box is None else self._view_box(search, box, view_joined, is_wide)
         is_checked = np.isfinite(self._last_s)
         is_sure = is_sure and is_checked and not self._contradictions
         if at_box is not None and is_sure and _is_sure_pair(search, at_box):
@@ -161,12 +163,12 @@ class SearchScheduler:
         self._contradictions = self._contradictions + 1 if search.contradicts(detection) else 0
         return detection
 
-    def _view_box(self, search: Search, box: Box, view_joined: ViewJoined | None) -> CropView | None:
+    def _view_box(self, search: Search, box: Box, view_joined: ViewJoined | None, is_wide: bool) -> CropView | None:
         """The view of the box where the runway should be, of several pictures where this one is not sure.
 
         None where it shows neither both lines nor a clear one.
         """
-        is_only = self._place is None and self._held is None and view_joined is None
+        is_only = self._place is None and self._held is None and (view_joined is None or is_wide)
         view = search.view_prior(box, passes=2 if is_only else 1)
         if search.shows_pair(view, box):
             if view_joined is None or _is_sure_pair(search, view):
