@@ -13,7 +13,6 @@ from deckline.detect.registration import measure_affine, measure_shift
 from deckline.geometry import Camera, rotation_matrix
 from deckline.types import Frame, RunwayPrior
 
-MAX_RANGE_RATIO = 1.05  # up to which the picture of a plane changes by an affine map
 MIN_HEIGHT_M = 1.0  # of a camera above the deck, below which the plane gives no homography
 
 Float32 = NDArray[np.float32]
@@ -110,7 +109,7 @@ class SeenMotion:
         self._age_s, self._middle_px = 0.0, np.zeros(2)  # of the last picture sampled
 
     def corners(self, old: KeptPicture, new: KeptPicture, crop: Crop, size: tuple[int, int]) -> Float64 | None:
-        if old.image_rgb.shape != new.image_rgb.shape or self.range_ratio(old, new) > MAX_RANGE_RATIO:
+        if old.image_rgb.shape != new.image_rgb.shape:
             return None
         corners, self._age_s = crop_corners(size), new.time_s - old.time_s
         self._middle_px = corners.mean(axis=0)
