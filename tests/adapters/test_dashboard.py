@@ -2,6 +2,7 @@
 
 import json
 import re
+import select
 import shutil
 import signal
 import socket
@@ -217,8 +218,13 @@ def test_connections_are_bounded_and_the_flight_goes_on(flying):
     before = len(flying.sent)
     with ExitStack() as stack:
         idle = [stack.enter_context(socket.create_connection(address, timeout=30)) for _ in range(CONNECTIONS + 20)]
-        assert all(one.recv(64).startswith(b"HTTP/1.1 503") for one in idle[CONNECTIONS:])
-        until = time.monotonic() + 60
+        refused, until = 0, time.monotonic() + 60
+        while refused < 20 and time.monotonic() < until:  # which ones depends on when the last test's page is closed
+            for one in select.select(idle, [], [], 1.0)[0]:
+                assert one.recv(64).startswith(b"HTTP/1.1 503")
+                idle.remove(one)
+                refused += 1
+        assert refused >= 20
         while len(flying.sent) == before and time.monotonic() < until:
             time.sleep(0.05)
     assert len(flying.sent) > before
