@@ -130,6 +130,7 @@ def test_a_turn_and_a_zoom_are_measured_in_noise(degrees, zoom, shift):
     near = np.array([[150.0, 80.0, 1.0], [350.0, 200.0, 1.0]])
     np.testing.assert_allclose(near @ found.T, near @ to_other.T, atol=0.2 * CELL_PX)
     assert measure_affine(sharp, grey(clean(0, seed=5))) is None
+    assert measure_affine(sharp, np.full_like(sharp, 120.0)) is None
 
 
 @pytest.mark.parametrize("ahead_m", [6.5, 0.0])  # flying, and hovering without any baseline

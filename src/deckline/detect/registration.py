@@ -61,7 +61,9 @@ def measure_affine(reference: Float32, other: Float32) -> Float64 | None:
         correlation, affine = cv2.findTransformECC(
             details, _details(other), still.copy(), cv2.MOTION_AFFINE, AFFINE_STEPS, np.ones(details.shape, np.uint8), 1
         )
-    except cv2.error:  # says by this that it does not converge
+    except cv2.error as error:
+        if error.code != cv2.Error.StsNoConv:
+            raise
         return None
     is_near = np.abs(affine[:, :2] - still[:, :2]).max() <= MAX_STRETCH and np.abs(affine[:, 2]).max() <= REACH_CELLS
     if not (is_near and correlation >= MIN_CORRELATION):
