@@ -126,11 +126,12 @@ def _figures(plan: CampaignPlan, landings: Sequence[FlownLanding]) -> Iterator[t
             "Hook at first contact; the aircraft comes from the left. Cross: touchdown point (where the wind over the "
             "deck varies, the nearest and the farthest); grey bars: wires.",
         )
-    yield (
-        "Dispersion by cell",
-        draw_dispersion(plan, landings),
-        "Ellipses that hold 95 % of normally distributed touchdowns; plus: mean. Both axes have their own scale.",
-    )
+    if any(landing.along_m is not None for landing in landings):
+        yield (
+            "Dispersion by cell",
+            draw_dispersion(plan, landings),
+            "Ellipses that hold 95 % of normally distributed touchdowns; plus: mean. Both axes have their own scale.",
+        )
     if plan.paired and set(plan.factors) - set(BANDS):
         return  # a landing flown in several cells of a group is no new one: no interval holds for the group
     yield (

@@ -45,6 +45,8 @@ def test_a_campaign_writes_summary_and_report(tmp_path, plan, monkeypatch, capsy
     assert cells[0]["shares"]["good"]["hits"] == 6
     assert np.isclose(cells[0]["shares"]["ramp_strike"]["at_most"], 1 - 0.05 ** (1 / 6))
     assert str(out / "report.html") in capsys.readouterr().out
+    page = (out / "report.html").read_text()
+    assert "Touchdowns on the deck" in page and "Dispersion" not in page  # none touched it
 
 
 @pytest.fixture
