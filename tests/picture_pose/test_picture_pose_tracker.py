@@ -94,6 +94,16 @@ def test_errors_agree_with_the_covariance(monkeypatch):
     assert squares.mean() > 0.05
 
 
+@pytest.mark.parametrize("height_m", [0.0, 1e-9, -3.0, np.nan])
+def test_a_track_that_sinks_into_the_deck_begins_anew(follower, height_m):
+    """There any picture of lines fits, and no matrix has an inverse."""
+    follower.follow(FLIGHT, seconds(0.0, 1.0))
+    follower.belief.mean[:3] = [1000.0, 0.0, height_m]
+    found = follower(frame_at(1.0), see(FLIGHT(1.0)))
+    assert reasons(found.track.diagnostics) == [Reason.RESTARTED]
+    assert follower.belief.mean[States.HEIGHT] == pytest.approx(FLIGHT(1.0).height_m, rel=0.2)
+
+
 def test_joined_frames_count_less_than_single_ones(monkeypatch):
     sigmas = []
     for frames in (1, 8):

@@ -129,13 +129,21 @@ def innovations(belief: Belief, sights: dict[str, LineSight], level: LevelSight,
     return total
 
 
+def check_height(belief: Belief) -> Diagnostic | None:
+    """Why nobody flies there; None: it can be. In the deck's plane itself any picture of lines would fit."""
+    widths = belief.mean[States.HEIGHT] / belief.width_m
+    if np.isfinite(belief.mean).all() and LOWEST <= widths <= HIGHEST:
+        return None
+    return Diagnostic(Reason.NO_VANISHING_POINT, f"the lines would be those of a runway {widths:.2g} widths below")
+
+
 def check_belief(
     belief: Belief, prior: Belief, sights: dict[str, LineSight], level: LevelSight, mount: Mount
 ) -> Belief | Diagnostic:
     """The belief, or why it is none."""
-    rotation, widths = Rotation.from_matrix(belief.rotation), belief.mean[States.HEIGHT] / belief.width_m
-    if not np.isfinite(belief.mean).all() or not LOWEST <= widths <= HIGHEST:
-        return Diagnostic(Reason.NO_VANISHING_POINT, f"the lines would be those of a runway {widths:.2g} widths below")
+    rotation = Rotation.from_matrix(belief.rotation)
+    if contradiction := check_height(belief):
+        return contradiction
     if belief.sigma(States.ATTITUDE.start + 2) > MAX_HEADING_SIGMA_RAD:
         return Diagnostic(Reason.NO_VANISHING_POINT, "the lines are too short to show where they meet")
     if abs(rotation.as_euler("ZYX")[2]) > MAX_ROLL_RAD:

@@ -14,7 +14,7 @@ from deckline.dehaze.horizon import find_horizon
 from deckline.dehaze.horizon_search import ANSWER_S, HorizonSearch
 from deckline.geometry import Camera, camera_mount
 from deckline.picture_pose.answer import estimate_of, in_widths, track_of, with_pose
-from deckline.picture_pose.fit import fit_pose
+from deckline.picture_pose.fit import check_height, fit_pose
 from deckline.picture_pose.forecast import PictureForecast
 from deckline.picture_pose.integrity import Evidence, bias_flag, unverified_reasons
 from deckline.picture_pose.memory import (
@@ -172,17 +172,25 @@ class PictureTracker:
             return self._start(picture)
         step_s = time_s - memory.belief.time_s
         memory.belief = predict(memory.belief, time_s, picture.shared)
+        if contradiction := check_height(memory.belief):
+            return self._restart(picture, contradiction.message)
         lines, excluded = select_lines(memory.belief, picture.sights, picture.mount, tracking.gate_sigma)
         weight = -float(np.expm1(-step_s / tracking.reacquire_s))
         is_back = note_contradictions(memory, picture, lines, excluded, weight)
         if why := self._contradiction(memory, picture, lines, is_back):
-            self._changed_s = time_s
-            return (Diagnostic(Reason.RESTARTED, f"began anew: {why}"), *self._start(picture))
+            return self._restart(picture, why)
         if lines:
             use_lines(memory, picture, lines, step_s, self.config)
+            if contradiction := check_height(memory.belief):
+                return self._restart(picture, contradiction.message)
         elif not picture.sights:
             memory.consistent_s = time_s
         return ()
+
+    def _restart(self, picture: Picture, why: str) -> Diagnostics:
+        """A new track in place of one that cannot go on."""
+        self._changed_s = picture.frame.time_s
+        return (Diagnostic(Reason.RESTARTED, f"began anew: {why}"), *self._start(picture))
 
     def _contradiction(self, memory: TrackMemory, picture: Picture, lines: dict[str, LineSight], is_back: bool) -> str:
         """Why the track cannot go on; empty: it can.
