@@ -7,8 +7,8 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from deckline.config import FrameNoise
 from deckline.localize import depth
 from deckline.localize.depth import WINDOW, choose_mode, locate_points, sample_depth, select_independent
-from deckline.types import DepthMode, Reason
-from runway_scene import DECK_Z_M, LEFT, NOISE, approach, detection, line_points, with_depth
+from deckline.types import SIDES, DepthMode, LineVisibility, Reason
+from runway_scene import DECK_Z_M, LEFT, NOISE, approach, detection, line_points, locate, with_depth
 
 BARE = approach(60.0, 8.0)
 DEEP = with_depth(BARE)
@@ -74,6 +74,13 @@ def test_mode_is_chosen_and_never_replaced_silently(frame, mode, expected, reaso
     assert (chosen, diagnostic and diagnostic.reason) == (expected, reason)
     named = {Reason.NO_DECK_HEIGHT: "--deck-z-m", Reason.NO_POSE: "--poses"}
     assert diagnostic is None or named.get(reason, "") in diagnostic.message
+
+
+def test_lines_that_are_too_unsure_in_a_picture_with_depth_are_not_seen():
+    """None is left whose depths could be counted."""
+    found = detection(SHALLOW)
+    vague = {side: replace(getattr(found, side), sigma_px=np.full(len(getattr(found, side)), 1e3)) for side in SIDES}
+    assert locate(SHALLOW, replace(found, **vague)).seen is LineVisibility.NONE
 
 
 def test_auto_prefers_coarse_when_most_points_have_no_depth(monkeypatch):

@@ -96,10 +96,10 @@ def select_independent(points_px: Array, usable: NDArray[np.bool_]) -> NDArray[n
 
 
 def count_depths(depth_m: NDArray[np.float32], lines_px: list[Array]) -> list[int]:
-    """How many points (N, 2) of each line have a depth."""
-    has_depth = np.isfinite(sample_depth(depth_m, np.concatenate(lines_px)))
-    parts = np.split(has_depth, np.cumsum([len(points) for points in lines_px])[:-1])
-    return [int(part.sum()) for part in parts]
+    """How many points (N, 2) of each line have a depth; of no lines, none."""
+    has_depth = np.isfinite(sample_depth(depth_m, np.concatenate([np.empty((0, 2)), *lines_px])))
+    parts = np.split(has_depth, np.cumsum([len(points) for points in lines_px]))
+    return [int(part.sum()) for part in parts[: len(lines_px)]]
 
 
 def choose_mode(frame: Frame, inliers_px: list[Array], mode: Mode) -> tuple[DepthMode, Diagnostic | None]:
