@@ -12,6 +12,7 @@ from deckline.geometry import Camera
 from deckline.types import Detection, Frame, LinePoints, Status
 from runway_scene import DECK_Z_M, LEFT, PARALLEL_RIGHT, WIDTH_M, approach, keep, line_points, with_depth
 
+pytestmark = pytest.mark.filterwarnings("error::RuntimeWarning")
 CAMERA = Camera.from_fov(320, 180, np.deg2rad(90))
 FLIGHTS, FRAMES = 16, 40
 

@@ -24,6 +24,7 @@ MIN_SIGMA_M = 1e-4  # bounds the weights of what is known exactly
 MIN_SIGMA_RAD = 1e-5
 MIN_DEPTH_FRACTION = 1e-4
 MIN_HEIGHT_M = 1e-2  # of the camera over the deck; smaller heights are clamped
+MIN_SCALE = 1e-2  # of focal length and depth over what is stated; a wild step may want less
 DOWN = np.array([0.0, 0.0, 1.0])
 # Factor on the stated 1-sigma of the angle between the lines: one frame may not see both over the same stretch.
 PARALLEL_FACTOR = 2.0
@@ -95,7 +96,7 @@ def linearize_measurements(observations: Observations, state: FitState, plane: D
     attitude_error = tilt_matrix(*state.nuisances[:2] * noise.attitude_rad)
     lever_arm = attitude_error @ (observations.camera_m - observations.body_m)
     rotation = attitude_error @ observations.rotation
-    focal_scale = 1.0 + state.nuisances[2] * noise.focal_fraction
+    focal_scale = max(1.0 + float(state.nuisances[2]) * noise.focal_fraction, MIN_SCALE)
     rays = observations.rays / np.array([focal_scale, focal_scale, 1.0])
     context = Linearization(observations, state, plane, noise, lever_arm, rotation, rays, focal_scale)
     pixels = _linearize_pixels(context)
@@ -206,7 +207,7 @@ def _linearize_depths(context: Linearization) -> Terms:
     normal = np.array([*-(context.slopes @ context.plane.axes), 1.0])  # the deck's normal
     down = np.array([*context.plane.origin_m, context.state.z_m]) - context.camera_m
     height, descent = max(float(normal @ down), MIN_HEIGHT_M), np.maximum(ray @ normal, MIN_DOWN)
-    scale = 1.0 + context.state.nuisances[3] * context.noise.depth_scale
+    scale = max(1.0 + context.state.nuisances[3] * context.noise.depth_scale, MIN_SCALE)
     expected = np.log(height / descent * scale)
     jacobian = np.zeros((len(ray), context.state.size))
     jacobian[:, 2 * count] = 1.0 / height
