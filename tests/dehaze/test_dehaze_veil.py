@@ -53,6 +53,14 @@ def test_colours_show_that_there_is_no_haze():
     assert psnr_db(VeilDehazer()(grey), grey) < 27
 
 
+@pytest.mark.parametrize(("first", "is_kept"), [(HORIZON, True), (HEIGHT - 11, False)])
+def test_colours_in_the_distance_say_more_than_near_ones(first: int, is_kept: bool) -> None:
+    tinted = textured_pair(0.002)[0].astype(float)
+    tinted[first : first + 11] *= [1.0, 0.85, 0.75]
+    tinted = tinted.astype(np.uint8)
+    assert (psnr_db(VeilDehazer()(tinted), tinted) > 32) is is_kept
+
+
 def with_airlight(colour: np.ndarray) -> np.ndarray:
     """The hazy patchwork (H, W, 3) in air of another colour."""
     hazy, _ = textured_pair(0.004)

@@ -52,6 +52,8 @@ WARM = (0.1, 0.2)  # red less blue, over its brightest colour: haze, a low sun; 
 DARKEST = (0.03, 0.2, 0.5)  # dark channel over airlight, 2nd percentile: no haze, haze; what that weighs
 MEAN = (0.3, 0.55, 0.7)  # its mean outside the sky: the same
 COLOURS = (0.19, 0.28)  # mean saturation under a white airlight, outside the sky: haze, none
+FAR_ROWS = 0.06  # of the height, next under the sky: what is far, where haze leaves the least colour
+FAR_COLOURS = (0.12, 0.16)  # its mean saturation: haze, none
 LEAST_COLOUR = 0.05  # of the airlight: darker pixels have the noise's colours
 SCENE_SIGMA = 0.12  # of full scale: how much a scene varies about the airlight
 MIN_NOISE, NOISE_WEIGHT = 0.008, 1.5  # of full scale, 1-sigma; times what neighbours differ by
@@ -155,7 +157,8 @@ def estimate_air(image: Image, sample: Image, noise: float, radius_px: int) -> A
     # An opening of the smallest channel follows edges better than its minimum alone.
     opened = cv2.dilate(dark_channel(ratio, patch), np.ones((patch, patch), np.uint8))
     dark = cv2.GaussianBlur(opened, (0, 0), patch / 2).clip(0, 1)
-    strength = MOST_STRENGTH * _haziness(dark[~air.sky], saturation(ratio)[~air.sky], airlight.mean(axis=(0, 1)))
+    colours, far = saturation(ratio), _far_side(air.sky)
+    strength = MOST_STRENGTH * _haziness(dark[~air.sky], colours[~air.sky], colours[far], airlight.mean(axis=(0, 1)))
     veil = strength * np.clip((dark - OWN_LIGHT) / (1 - OWN_LIGHT), 0, 1)
     veil = np.minimum(veil, own_veil(image, airlight)).clip(0)
     grey = mean_channel(image)
@@ -182,12 +185,24 @@ def detail_certainty(grey: Image) -> Image:
     return np.asarray((slope * grey + offset).clip(0, 1), dtype=np.float32)
 
 
-def _haziness(dark: Image, saturations: Image, airlight: Image) -> float:
-    """How surely an image is hazy, 0 to 1. A colourful scene is not: haze takes colours away.
+def _far_side(sky: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The rows (h, w) next under the sky, also (h, w); without a sky the first rows."""
+    import cv2
+
+    rows = max(1, round(len(sky) * FAR_ROWS))
+    upwards = np.ones((2 * rows + 1, 1), np.uint8)
+    upwards[rows + 1 :] = 0
+    near = cv2.dilate(sky.astype(np.uint8), upwards, borderType=cv2.BORDER_CONSTANT, borderValue=1)
+    return (near > 0) & ~sky
+
+
+def _haziness(dark: Image, saturations: Image, far_saturations: Image, airlight: Image) -> float:
+    """How surely an image is hazy, 0 to 1. A colourful scene is not: haze takes colours away, most in the distance.
 
     Args:
         dark: (N,) its dark channel over the airlight, outside the sky.
         saturations: (N,) of its colours over the airlight, outside the sky.
+        far_saturations: (M,) of those next under the sky.
         airlight: (3,) mean, of full scale; haze has little colour.
     """
     if not len(dark):
@@ -199,8 +214,9 @@ def _haziness(dark: Image, saturations: Image, airlight: Image) -> float:
     coloured = linear_step(float(np.ptp(airlight) / airlight.max()), *COLOURED)
     warm = linear_step(float((airlight[0] - airlight[2]) / airlight.max()), *WARM)
     colours = linear_step(float(saturations.mean()), *COLOURS)
+    far_colours = linear_step(float(far_saturations.mean()), *FAR_COLOURS) if len(far_saturations) else 0.0
     sure = min(1.0, sum(parts)) * linear_step(float(airlight.mean()), *NIGHT)
-    return sure * (1 - coloured) * (1 - warm) * (1 - colours)
+    return sure * (1 - coloured) * (1 - warm) * (1 - colours) * (1 - far_colours)
 
 
 def saturation(image: Image) -> Image:
