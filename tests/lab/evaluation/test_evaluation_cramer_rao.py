@@ -3,8 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deckline import config as configuration
-from deckline.config import GRADES, Sensors
+from deckline.config import GRADES, Sensors, deck
 from deckline.localize.depth import locate_points
 from deckline.types import SIDES, DepthMode
 from deckline_lab.evaluation import cramer_rao as bound_module
@@ -31,7 +30,7 @@ NEARLY_PARALLEL = {"angle_sigma_deg": float(np.rad2deg(0.5e-3))}
 @pytest.fixture
 def pixel_noise(monkeypatch):
     """Only the detector's noise, and nothing known of the lines' angle."""
-    monkeypatch.setattr(configuration, "CALM_HEAVE_M", 0.0)
+    monkeypatch.setattr(deck, "CALM_HEAVE_M", 0.0)
     return still_deck(sensors=GRADES["exact"], **ANY_ANGLE)
 
 
