@@ -27,14 +27,6 @@ def ecef_from_ned(geodetic: Array) -> Rotation:
     return Rotation.from_euler("ZY", np.column_stack([geodetic[:, 1], -90.0 - geodetic[:, 0]]), degrees=True)
 
 
-def check_geodetic(geodetic: Array) -> None:
-    """Raise ValueError for latitudes or longitudes (N, 3), degrees, out of range."""
-    outside = (np.abs(geodetic[:, :2]) > [90.0, 180.0]).any(axis=1)
-    if outside.any():
-        latitude, longitude = geodetic[outside][0, :2]
-        raise ValueError(f"latitude must lie within 90 degrees, longitude within 180, got {latitude}, {longitude}")
-
-
 def ned_from_geodetic(
     geodetic: Array, rotations: Rotation, origin: tuple[float, float, float]
 ) -> tuple[Array, Rotation]:
@@ -44,7 +36,14 @@ def ned_from_geodetic(
         geodetic: (N, 3) latitude, longitude, degrees, and altitude, m.
         rotations: (N) body to the local North-East-Down axes at each position.
         origin: latitude, longitude, degrees, and altitude, m.
+
+    Raises:
+        ValueError: latitudes or longitudes out of range.
     """
+    outside = (np.abs(geodetic[:, :2]) > [90.0, 180.0]).any(axis=1)
+    if outside.any():
+        latitude, longitude = geodetic[outside][0, :2]
+        raise ValueError(f"latitude must lie within 90 degrees, longitude within 180, got {latitude}, {longitude}")
     at = np.array([origin])
     ned_from_ecef = ecef_from_ned(at)[0].inv()
     positions = ned_from_ecef.apply(ecef_from_geodetic(geodetic) - ecef_from_geodetic(at))

@@ -27,9 +27,10 @@ from deckline.recording.camera_file import (
 from deckline.recording.exif import camera_from_exif
 from deckline.recording.image_folder import ImageFolder, find_first_image, list_images
 from deckline.recording.images import FAR_DEPTH_M, IMAGE_SUFFIXES, PfmRows
-from deckline.recording.poses import POSES_FILE, TIMES_FILE, names_images, read_image_times, read_poses
+from deckline.recording.poses import POSES_FILE, TIMES_FILE, read_image_times, read_poses
 from deckline.recording.runway_file import RUNWAY_FILE, read_runway_file
 from deckline.recording.source import BadFrame, Recording, RecordingError
+from deckline.recording.text_table import TextTable
 from deckline.recording.video import Video, scan_video
 
 if TYPE_CHECKING:
@@ -198,8 +199,9 @@ def _open_folder(
     """A folder or a single image; poses go by file where poses.csv names files, else by the times of times.csv."""
     folder, files = (path, None) if path.is_dir() else (path.parent, [path.name])
     times_file = folder / TIMES_FILE
-    if poses_file is not None and not _is_log(poses_file) and names_images(poses_file):
-        return ImageFolder(folder, mounted, read_poses(poses_file, navigation.origin), None, options, files)
+    table = None if poses_file is None or _is_log(poses_file) else TextTable(poses_file, ",")
+    if table is not None and "file" in table.header:
+        return ImageFolder(folder, mounted, read_poses(table, navigation.origin), None, options, files)
     track = None if poses_file is None else _read_track(poses_file, navigation)
     if track is not None and not is_there(times_file):
         raise RecordingError(f"{poses_file} has poses by time; write {times_file} with the columns file,time_s")

@@ -10,7 +10,7 @@ from scipy.spatial.transform import RigidTransform, Rotation, Slerp
 
 from deckline.config import Navigation
 from deckline.geometry import FARTHEST_M, QUATERNION_TOLERANCE
-from deckline.recording.geodesy import check_geodetic, ned_from_geodetic
+from deckline.recording.geodesy import ned_from_geodetic
 from deckline.recording.poses import choose_columns, note_origin
 from deckline.recording.source import RecordingError
 from deckline.recording.text_table import TextTable
@@ -199,16 +199,14 @@ def place_in_world(track: PoseTrack, origin: tuple[float, float, float] | None) 
     Raises:
         RecordingError: latitudes or longitudes out of range.
     """
-    geodetic = track.positions_m
-    try:
-        check_geodetic(geodetic)
-    except ValueError as error:
-        raise RecordingError(f"{track.name}: {error}") from None
-    notes = track.notes
+    geodetic, notes = track.positions_m, track.notes
     if origin is None:
         origin = (float(geodetic[0, 0]), float(geodetic[0, 1]), float(geodetic[0, 2]))
         notes = (*notes, note_origin(track.name, origin))
-    positions, rotations = ned_from_geodetic(geodetic, track.rotations, origin)
+    try:
+        positions, rotations = ned_from_geodetic(geodetic, track.rotations, origin)
+    except ValueError as error:
+        raise RecordingError(f"{track.name}: {error}") from None
     return replace(track, positions_m=positions, rotations=rotations, notes=notes)
 
 

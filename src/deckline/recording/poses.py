@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from deckline.geometry import pose
-from deckline.recording.geodesy import check_geodetic, ned_from_geodetic
+from deckline.recording.geodesy import ned_from_geodetic
 from deckline.recording.source import check_number
 from deckline.recording.text_table import Cells, TextTable, parse_number, read_table
 from deckline.types import Frame
@@ -137,29 +137,27 @@ class Poses:
             attitude = [check_number(angle, name) for angle, name in zip(attitude, self.columns.attitude, strict=True)]
         placed = pose(place, self.columns.quaternions(np.array([attitude]))[0])
         if self.origin is not None:
-            check_geodetic(placed.translation[None])
             positions, rotations = ned_from_geodetic(placed.translation[None], placed.rotation, self.origin)
             placed = RigidTransform.from_components(positions[0], rotations[0])
         return check_number(time_s, "time_s"), placed
 
 
-def read_poses(path: Path, origin: tuple[float, float, float] | None = None) -> Poses:
-    """Read poses.csv whose rows name images.
+def read_poses(table: TextTable, origin: tuple[float, float, float] | None) -> Poses:
+    """The poses of a poses.csv whose rows name images.
 
     Args:
         origin: of the world, where positions are latitude, longitude and altitude; None: the first of them.
 
     Raises:
-        RecordingError: as `TextTable`, a missing column, or one image in two rows.
+        RecordingError: a missing column, or one image in two rows.
     """
-    table = TextTable(path, ",")
     columns, notes = choose_columns(table, "file")
     if columns.is_geodetic and origin is None:
         places = table.numbers(GEODETIC)
         known = places[np.isfinite(places).all(axis=1)]
         if len(known):
             origin = (float(known[0, 0]), float(known[0, 1]), float(known[0, 2]))
-            notes.append(note_origin(str(path), origin))
+            notes.append(note_origin(str(table.path), origin))
     return Poses(table, columns, table.index_files(), origin if columns.is_geodetic else None, tuple(notes))
 
 
@@ -175,11 +173,6 @@ def note_origin(name: str, origin: Sequence[float]) -> str:
     """The note on an origin, latitude, longitude, degrees, and altitude, m, that nobody stated."""
     stated = "{:.7f} {:.7f} {:.2f}".format(*origin)
     return f"{name}: the world's origin is the first position; to state it: --origin {stated}"
-
-
-def names_images(path: Path) -> bool:
-    """Whether a CSV file has a column `file`; errors as `TextTable`."""
-    return "file" in TextTable(path, ",").header
 
 
 def read_image_times(path: Path) -> dict[str, float]:

@@ -27,7 +27,7 @@ from deckline.live.datagrams import LARGEST, parse_udp
 from deckline.live.poses import WAIT_S, PoseBuffer
 from deckline.live.tally import Log, Tally
 from deckline.recording import RecordingError
-from deckline.recording.pose_track import PoseTrack, place_in_world
+from deckline.recording.geodesy import ned_from_geodetic
 from deckline.report.records import Record
 
 POLL_S = 0.05
@@ -201,7 +201,7 @@ class Link:
         elif kind in self._needed:
             try:
                 self._add_pose(kind, message)
-            except (ValueError, RecordingError) as error:
+            except ValueError as error:
                 self.refused.add(str(error))
 
     def _choose_system(self, system: int, autopilot: int, sender: tuple[str, int]) -> None:
@@ -226,12 +226,12 @@ class Link:
             return self._attitudes.add(time_s, turned)
         if kind == LOCAL:
             return self._positions.add(time_s, pose([message.x, message.y, message.z], [1.0, 0.0, 0.0, 0.0]))
-        if message.lat == message.lon == 0:
-            raise ValueError("a position without a fix")
+        origin = self._navigation.origin
+        if origin is None or message.lat == message.lon == 0:
+            raise ValueError("a position without an origin or a fix")
         geodetic = np.array([[1e-7 * message.lat, 1e-7 * message.lon, 1e-3 * message.alt]])
-        track = PoseTrack("GLOBAL_POSITION_INT", np.array([time_s]), geodetic, Rotation.identity(1), 1.0, 0.0)
-        placed = place_in_world(track, self._navigation.origin)
-        self._positions.add(time_s, RigidTransform.from_components(placed.positions_m[0], placed.rotations[0]))
+        positions, rotations = ned_from_geodetic(geodetic, Rotation.identity(1), origin)
+        self._positions.add(time_s, RigidTransform.from_components(positions[0], rotations[0]))
 
 
 def parse_datagram(data: bytes) -> list[Any]:
