@@ -87,12 +87,6 @@ def test_layout_is_airsims(tmp_path):
     assert set(folder_bytes(tmp_path)) == files
 
 
-def test_unknown_depth_is_stored_as_airsims_far_value(tmp_path):
-    write(tmp_path, [frame(1, depth_m=np.array([[np.nan, np.inf, 2], [3, 4, 5]], np.float32))])
-    (path,) = tmp_path.glob("images/*.pfm")
-    assert np.frombuffer(path.read_bytes()[-24:], "<f4").tolist() == [65504.0, 65504.0, 2.0, 3.0, 4.0, 5.0]
-
-
 def test_scene_holds_the_camera_once_and_no_infinity(tmp_path):
     frames = [frame(1), frame(2, truth=Truth(visibility_m=math.inf)), frame(3, truth=None, deck_z_m=None, sea_z_m=None)]
     write(tmp_path, frames, scene={"preset": "paper"})

@@ -10,7 +10,7 @@ from deckline.atomic import write_atomic
 from deckline.geometry import Camera, pose
 from deckline.recording.camera_file import CAMERA_FILE, format_camera
 from deckline.recording.image_folder import DEPTH_FOLDER
-from deckline.recording.images import FAR_DEPTH_M, encode_image, write_pfm
+from deckline.recording.images import encode_depth, encode_image
 from deckline.recording.poses import COLUMNS, POSES_FILE
 from deckline.recording.scene_file import get_heights
 from deckline.types import Frame, PoseSource
@@ -48,8 +48,7 @@ class FrameFolder:
         write_atomic(self._folder / name, encode_image(frame.image_rgb, "png"))
         if frame.depth_m is not None:
             (self._folder / DEPTH_FOLDER).mkdir(exist_ok=True)
-            depth = np.nan_to_num(frame.depth_m, nan=FAR_DEPTH_M, posinf=FAR_DEPTH_M)
-            write_atomic(self._folder / DEPTH_FOLDER / f"{Path(name).stem}.pfm", write_pfm(depth))
+            write_atomic(self._folder / DEPTH_FOLDER / f"{Path(name).stem}.pfm", encode_depth(frame.depth_m))
         cells = [name, repr(float(frame.time_s)), *_pose_cells(frame)]
         self._rows.write(",".join(cells) + "\n")
         self._rows.flush()

@@ -8,14 +8,13 @@ Source: CIPA DC-008 (EXIF 2.32), tags FocalLengthIn35mmFilm, PixelXDimension, Pi
 
 import io
 import math
-import struct
 import warnings
 from pathlib import Path
 
 from PIL import Image
 
 from deckline.geometry import Camera
-from deckline.recording.images import FORMATS, read_bytes
+from deckline.recording.images import DAMAGED, FORMATS, read_bytes
 
 EXIF_IFD, FOCAL_35_MM, PIXEL_X, PIXEL_Y = 0x8769, 41989, 40962, 40963  # tags
 FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
@@ -35,7 +34,7 @@ def camera_from_exif(path: Path, width: int, height: int) -> tuple[Camera | None
     """
     try:
         focal_mm, stated = _read_tags(path)
-    except (OSError, SyntaxError, ValueError, TypeError, LookupError, EOFError, OverflowError, struct.error):
+    except DAMAGED:
         return None, "EXIF is damaged and not used"
     if focal_mm is None:
         return None, ""

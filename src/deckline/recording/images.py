@@ -28,7 +28,7 @@ JPEG_QUALITY = 90  # of written pictures
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".ppm", ".pgm", ".bmp", ".tif", ".tiff", ".webp")
 LOW_BITS = 12  # of camera pixels that a 16-bit file holds unscaled, when the file does not state their number
 # What Pillow raises for damaged files
-_DAMAGED = (OSError, SyntaxError, ValueError, TypeError, LookupError, EOFError, OverflowError, struct.error)
+DAMAGED = (OSError, SyntaxError, ValueError, TypeError, LookupError, EOFError, OverflowError, struct.error)
 PfmRows = Literal["top-to-bottom", "bottom-to-top"]
 FAR_DEPTH_M = 65504.0  # largest half-precision number: AirSim's depth where nothing is seen
 DEPTH_PLANAR, DEPTH_PERSPECTIVE = 1, 2  # AirSim's image types: along the axis, along each pixel's ray
@@ -57,7 +57,7 @@ def decode_image(data: bytes) -> NDArray[np.uint8]:
             return _decode(data)
     except Image.UnidentifiedImageError:
         raise ValueError(f"not an image of a known format ({', '.join(FORMATS)}), or cut short") from None
-    except (*_DAMAGED, Image.DecompressionBombError, cv2.error) as error:
+    except (*DAMAGED, Image.DecompressionBombError, cv2.error) as error:
         raise ValueError(f"damaged or cut short: {' '.join(str(error).split())}") from None
 
 
@@ -176,10 +176,11 @@ def read_pfm(data: bytes, rows: PfmRows = "top-to-bottom") -> NDArray[np.float32
     return np.array(values if rows == "top-to-bottom" else values[::-1], dtype=np.float32)
 
 
-def write_pfm(values: NDArray[np.float32]) -> bytes:
-    """float32 (H, W) -> bytes of a little-endian one-channel PFM in AirSim's row order, top to bottom."""
-    height, width = values.shape
-    return b"Pf\n%d %d\n-1\n" % (width, height) + np.ascontiguousarray(values, dtype="<f4").tobytes()
+def encode_depth(depth_m: NDArray[np.float32]) -> bytes:
+    """Depth (H, W), metres, NaN where nothing was seen -> bytes of a little-endian one-channel PFM, as AirSim's."""
+    height, width = depth_m.shape
+    stored = np.nan_to_num(depth_m, nan=FAR_DEPTH_M, posinf=FAR_DEPTH_M)
+    return b"Pf\n%d %d\n-1\n" % (width, height) + np.ascontiguousarray(stored, dtype="<f4").tobytes()
 
 
 def convert_to_axial_depth(

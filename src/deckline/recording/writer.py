@@ -13,7 +13,7 @@ from deckline.checks import check_choice
 from deckline.files import lock_folder
 from deckline.recording.airsim import HEADER, IMAGE_FOLDER, MS_PER_S, RECORD_FILE, SCENE, choose_images
 from deckline.recording.camera_file import camera_to_mapping
-from deckline.recording.images import DEPTH_PLANAR, FAR_DEPTH_M, encode_image, write_pfm
+from deckline.recording.images import DEPTH_PLANAR, encode_depth, encode_image
 from deckline.recording.scene_file import (
     RESERVED,
     SCENE_FILE,
@@ -56,9 +56,7 @@ def encode_frame(frame: Frame, image_format: ImageFormat = "png") -> EncodedFram
     if not np.all(np.isfinite(pose)):
         raise ValueError(f"{frame.file}: pose is not finite: {list(pose)}")
     entry: dict[str, Any] = dict(get_heights(frame))
-    depth = clear = None
-    if frame.depth_m is not None:
-        depth = write_pfm(np.nan_to_num(frame.depth_m, nan=FAR_DEPTH_M, posinf=FAR_DEPTH_M))
+    depth, clear = None if frame.depth_m is None else encode_depth(frame.depth_m), None
     if frame.truth is not None:
         entry["truth"] = truth_to_mapping(frame.truth, None if frame.truth.clear_rgb is None else CLEAR_FOLDER)
         if frame.truth.clear_rgb is not None:
