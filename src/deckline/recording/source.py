@@ -119,12 +119,15 @@ class Recording(Source):
             IndexError: there is no such frame.
         """
 
+    def item(self, index: int) -> Frame | BadFrame:
+        """Frame `index`, or that it is damaged; an IndexError as `load`."""
+        try:
+            return self.load(index)
+        except FrameError as error:
+            return BadFrame(error.file, error.reason)
+
     def items(self) -> Iterator[Frame | BadFrame]:
-        for index in range(len(self)):
-            try:
-                yield self.load(index)
-            except FrameError as error:
-                yield BadFrame(error.file, error.reason)
+        return map(self.item, range(len(self)))
 
 
 def read_data(path: Path, most_bytes: int = MOST_TEXT_BYTES) -> bytes:

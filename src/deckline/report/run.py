@@ -14,9 +14,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from deckline.files import lock_folder, printable
 from deckline.flight import FrameResult
 from deckline.interrupts import on_first_signal
-from deckline.recording import BadFrame, FrameError, Recording, Source
+from deckline.recording import BadFrame, Recording, Source
 from deckline.report.provenance import Chain, settings_of
-from deckline.report.records import SKIPPED, FlightView, frame_record, skipped_record
+from deckline.report.records import SKIPPED, FlightView, Record, frame_record, skipped_record
 from deckline.report.run_folder import RunFolder, check_apart, resume_folder, start_folder
 from deckline.report.writer import RunWriter
 from deckline.types import Diagnostic, Frame, Reason
@@ -128,12 +128,8 @@ def _fly(
                 outcome = _apply(chain, item)
                 if 0 < index == folder.recorded:
                     outcome = _flag_resumed(outcome)
-                result = None if isinstance(outcome, BadFrame) else outcome
                 if index >= folder.recorded:
-                    if isinstance(outcome, BadFrame):
-                        record = skipped_record(outcome)
-                    else:
-                        record = frame_record(outcome, chain.config.approach)
+                    result, record = _make_record(outcome, chain)
                     writer.write(record)
                     for view in views:
                         view(result, record)
@@ -168,11 +164,7 @@ def _read_items(source: Source, first: int, total: int | None) -> Iterator[Frame
     if first == 0 or not isinstance(source, Recording):
         yield from islice(source.items(), total)
         return
-    for index in range(first, len(source) if total is None else total):
-        try:
-            yield source.load(index)
-        except FrameError as error:
-            yield BadFrame(error.file, error.reason)
+    yield from map(source.item, range(first, len(source) if total is None else total))
 
 
 def _apply(chain: Chain, item: Frame | BadFrame) -> FrameResult | BadFrame:
@@ -183,6 +175,13 @@ def _apply(chain: Chain, item: Frame | BadFrame) -> FrameResult | BadFrame:
         return chain(item)
     except ValueError as error:
         return BadFrame(item.file, " ".join(str(error).split()))
+
+
+def _make_record(outcome: FrameResult | BadFrame, chain: Chain) -> tuple[FrameResult | None, Record]:
+    """The result, if there is one, and what is written about the frame."""
+    if isinstance(outcome, BadFrame):
+        return None, skipped_record(outcome)
+    return outcome, frame_record(outcome, chain.config.approach)
 
 
 def _flag_resumed(outcome: FrameResult | BadFrame) -> FrameResult | BadFrame:
