@@ -25,6 +25,7 @@ from deckline.recording.source import RecordingError
 NED_FROM_ENU = Rotation.from_matrix([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 FLU_FROM_FRD = Rotation.from_matrix(np.diag([1.0, -1.0, -1.0]))
 BODY = "base_link"
+_BAYER = ("rggb", "bggr", "gbrg", "grbg")
 # encoding -> numbers a pixel, their type, how OpenCV makes RGB of them
 _ENCODINGS: dict[str, tuple[int, str, int | None]] = {
     "rgb8": (3, "u1", None),
@@ -42,8 +43,7 @@ _ENCODINGS: dict[str, tuple[int, str, int | None]] = {
     "uyvy": (2, "u1", cv2.COLOR_YUV2RGB_UYVY),
     "yuv422_yuy2": (2, "u1", cv2.COLOR_YUV2RGB_YUYV),
     "yuyv": (2, "u1", cv2.COLOR_YUV2RGB_YUYV),
-    **{f"bayer_{name}8": (1, "u1", getattr(cv2, f"COLOR_Bayer{name.upper()}2RGB")) for name in ("rggb", "bggr")},
-    **{f"bayer_{name}8": (1, "u1", getattr(cv2, f"COLOR_Bayer{name.upper()}2RGB")) for name in ("gbrg", "grbg")},
+    **{f"bayer_{name}8": (1, "u1", getattr(cv2, f"COLOR_Bayer{name.upper()}2RGB")) for name in _BAYER},
 }
 _DEPTHS = {"16UC1": ("u2", 1e-3), "32FC1": ("f4", 1.0)}  # type and metres of one count
 COMPRESSED_DEPTH = "compressedDepth"
@@ -153,8 +153,7 @@ def ros_from_body(frame: str) -> Rotation:
 def turn_axes(world_from_body: RigidTransform, world: str, body: str) -> RigidTransform:
     """Poses in the axes of ROS frames with these names, in ours."""
     before, after = world_from_ros(world), ros_from_body(body)
-    zero = np.zeros(3)
-    return RigidTransform.from_components(zero, before) * world_from_body * RigidTransform.from_components(zero, after)
+    return RigidTransform.from_rotation(before) * world_from_body * RigidTransform.from_rotation(after)
 
 
 def turn_track(track: PoseTrack, world: str, body: str) -> PoseTrack:
@@ -251,7 +250,7 @@ def read_mount(
     if body not in path:
         return None
     mount = tree.resolve(path[: path.index(body) + 1], name, navigation)
-    turn = RigidTransform.from_components(np.zeros(3), ros_from_body(body).inv())
+    turn = RigidTransform.from_rotation(ros_from_body(body).inv())
     if isinstance(mount, RigidTransform):
         return turn * mount
     turned = turn * RigidTransform.from_components(mount.positions_m, mount.rotations)

@@ -29,7 +29,7 @@ from deckline.adapters.airsim.client import (
 from deckline.adapters.airsim.protocol import read_pose
 from deckline.files import print_line
 from deckline.geometry import Camera, camera_mount
-from deckline.live.source import Captured, LiveSource, frame_name
+from deckline.live.source import FIRST_WAIT_S, LONGEST_WAIT_S, Captured, LiveSource, frame_name
 from deckline.recording import BadFrame, RecordingError
 from deckline.recording.images import check_depth_size, convert_to_axial_depth
 from deckline.types import Frame
@@ -40,7 +40,6 @@ SAME_POSE_RAD = 2e-4  # about as much at the 50 m at which the lines fill the pi
 STILL_M = 0.01  # a vehicle that moves less during a measurement of the mount is at rest
 STILL_RAD = 1e-3  # likewise turned: 0.06 deg, half of which is the error
 MEASUREMENTS = 20  # of a mount, at most
-FIRST_WAIT_S, LONGEST_WAIT_S = 0.25, 8.0  # between two tries to connect again; each wait doubles
 SLOW = 1.25  # frames that take so many times the wanted period are slow
 WINDOW = 10  # frames over which that is judged
 

@@ -44,8 +44,8 @@ ERROR = 2
 LINE_LIST, DELETE_ALL, IMAGE_LINE_LIST = 5, 3, 2  # of Marker and ImageMarker
 DRAWN_M, WIDTH_M = 200.0, 0.4  # of lines in the world, from the ramp on
 COLOURS = {"left": draw.LEFT, "right": draw.RIGHT, "centre": draw.CENTRE}
-UPRIGHT = RigidTransform.from_components(np.zeros(3), FLU_FROM_FRD)  # its own inverse
-MAP_FROM_WORLD = RigidTransform.from_components(np.zeros(3), NED_FROM_ENU)  # its own inverse
+UPRIGHT = RigidTransform.from_rotation(FLU_FROM_FRD)  # its own inverse
+MAP_FROM_WORLD = RigidTransform.from_rotation(NED_FROM_ENU)  # its own inverse
 
 
 def header(time_s: float, frame: str) -> Values:
@@ -181,15 +181,10 @@ def _lines(result: FrameResult, deck: RigidTransform | None) -> list[Values]:
             continue
         start = 0.0 if source.ramp_m is None else float((source.ramp_m - line.point_m) @ line.direction)
         ends = parent_from_world.apply(line.point_m + np.outer([start, start + DRAWN_M], line.direction))
-        shape = {
-            "type": LINE_LIST,
-            "scale": {"x": WIDTH_M},
-            "color": _colour(name),
-            "pose": {"orientation": {"w": 1.0}},
-        }
-        points = [_vector(end) for end in ends]
-        head = header(frame.time_s, parent)
-        markers.append({"header": head, "ns": "lines", "id": number, "points": points, **shape})
+        head, points = header(frame.time_s, parent), [_vector(end) for end in ends]
+        shape = {"type": LINE_LIST, "scale": {"x": WIDTH_M}, "pose": {"orientation": {"w": 1.0}}}
+        marker = {"header": head, "ns": "lines", "id": number, "points": points, "color": _colour(name)}
+        markers.append(marker | shape)
     return markers
 
 
