@@ -1,7 +1,7 @@
 """What the end of a run needs of its records, gathered while they pass by once."""
 
 from deckline.report.advice import remedy_of
-from deckline.report.figures import Tally
+from deckline.report.figures import TextCounter
 from deckline.report.html import ReportPictures
 from deckline.report.records import Record, lookup
 from deckline.report.run_folder import PictureSample
@@ -29,7 +29,7 @@ class RunDigest:
         self._step = max(-(-frames // REPORT_RECORDS), 1)
         self._sample, self._pictured = sample, set(sample.indices() if sample else ())
         self._index = self._skipped = 0
-        self._missing, self._unverified = Tally(), Tally()
+        self._missing, self._unverified = TextCounter(), TextCounter()
         self._unverified_frames = 0
 
     def add(self, record: Record) -> Record:

@@ -13,7 +13,7 @@ from deckline.types import LineVisibility
 NONE = "–"
 
 
-class Tally:
+class TextCounter:
     """How often each key comes, with the text first given for it."""
 
     def __init__(self) -> None:
@@ -108,7 +108,7 @@ def median_sigma(records: list[Record], name: str) -> float | None:
 
 def count_reasons(records: Iterable[Record]) -> list[tuple[str, int]]:
     """Why something is missing, in the words first given, and in how many frames; most frequent first."""
-    reasons = Tally()
+    reasons = TextCounter()
     for record in records:
         if record.get("reasons"):
             reasons.add(tuple(record["reasons"]), record["reason"])
@@ -117,7 +117,7 @@ def count_reasons(records: Iterable[Record]) -> list[tuple[str, int]]:
 
 def count_flags(records: Iterable[Record]) -> list[tuple[str, int]]:
     """What was flagged, with the reason first given, and in how many frames; most frequent first."""
-    flags = Tally()
+    flags = TextCounter()
     for flag in (flag for record in records for flag in record.get("flags") or ()):
         flags.add(flag["name"], f"{flag['name']}: at first {flag['reason']}")
     return flags.rows()
