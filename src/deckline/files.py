@@ -1,4 +1,4 @@
-"""Files from anywhere: regular ones of a bounded size, values that are plain, names that are printable."""
+"""Files from anywhere: regular and of a bounded size, plain values; folders with one writer; printable lines."""
 
 import errno
 import fcntl
@@ -7,7 +7,7 @@ import re
 import stat
 import sys
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -167,6 +167,12 @@ def describe_error(error: BaseException) -> str:
 def print_line(line: object) -> None:
     """Print one printable line on stderr."""
     print(printable(line), file=sys.stderr, flush=True)
+
+
+def print_notes(notes: Iterable[str]) -> None:
+    """Print what is odd about a source but does not stop it, one line each."""
+    for note in notes:
+        print_line(f"note: {note}")
 
 
 def _escape(code: int) -> str:

@@ -7,7 +7,7 @@ import tyro
 
 from deckline.calibrate import describe, observe_approach, solve, write_calibration
 from deckline.cli.sources import SourceOptions
-from deckline.files import is_there, name_in_errors, print_line, printable
+from deckline.files import is_there, name_in_errors, print_notes, printable
 from deckline.flight import Flight
 from deckline.options import RunOptions
 from deckline.recording import select_frames
@@ -47,8 +47,7 @@ def calibrate(
     config = opening.place_poses(options.run_config())
     source = select_frames(opening.open_recording(recording, config, poses), 1, start, duration)
     config = opening.place_poses(options.run_config(source.base_config))
-    for note in source.notes:
-        print_line(f"note: {note}")
+    print_notes(source.notes)
     with Flight.from_config(config) as flight:
         view = observe_approach(source, flight)
     calibration = solve(view, config, tuple("focal length" if name == "focal" else name for name in hold))

@@ -7,7 +7,7 @@ import numpy as np
 import tyro
 
 from deckline.extras import needs_extra
-from deckline.files import print_line
+from deckline.files import print_notes
 from deckline.geometry import attitude, camera_mount
 from deckline.live.recorder import FrameFolder
 from deckline.recording import Recording, open_recording
@@ -64,16 +64,14 @@ def convert(
         given = None if camera is None else read_camera_file(camera)
         mount = None if camera else camera_mount(mount_m, attitude(*np.deg2rad(mount_deg)))
         rows, files, notes = add_scene(recording, out, ReadOptions(fov_deg, given, deck_z_m), mount)
-    for note in notes:
-        print_line(f"note: {note}")
+    print_notes(notes)
     print(f"{out}: {rows} rows, {files} image files")
     return 0
 
 
 def _copy_frames(source: Recording, out: Path) -> int:
     """Write frames into a bag, or a folder of images; damaged ones are named and left out."""
-    for note in source.notes:
-        print_line(f"note: {note}")
+    print_notes(source.notes)
     count = 0
     with ExitStack() as stack:
         if out.suffix == ".mcap":

@@ -210,9 +210,9 @@ def _open_poses(
         return None
     if poses is not None and opening.camera is None and opening.fov_deg is None:
         raise ValueError(f"{source}: poses are of no use without --camera or --fov-deg")
-    if poses is None or poses == FROM_AUTOPILOT:
-        return pilot if poses == FROM_AUTOPILOT else None
-    return stack.enter_context(closing(UdpPoses(poses, config.navigation, wall, log)))
+    if poses == FROM_AUTOPILOT:
+        return pilot
+    return None if poses is None else stack.enter_context(closing(UdpPoses(poses, config.navigation, wall, log)))
 
 
 COMMANDS = {"live": live}

@@ -9,7 +9,7 @@ import tyro
 from deckline.cli.sources import SIMULATOR, SourceOptions
 from deckline.cli.views import ViewOptions
 from deckline.config import RunConfig
-from deckline.files import name_in_errors, print_line, printable, read_regular
+from deckline.files import name_in_errors, print_notes, printable, read_regular
 from deckline.flight import Flight
 from deckline.options import RunOptions
 from deckline.recording import Recording, Source, open_recording, select_frames
@@ -95,8 +95,7 @@ def _run(source: Source, flight: Flight, out: Path, **how: Any) -> int:
     """Run, as `report.run.run` takes it, and print the files that it writes."""
     from deckline.report.run import run as run_flight
 
-    for note in source.notes:
-        print_line(f"note: {note}")
+    print_notes(source.notes)
     with name_in_errors(out):
         summary = run_flight(source, flight, out, **how)
     for path in summary.written:

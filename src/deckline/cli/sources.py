@@ -1,4 +1,4 @@
-"""What `deckline run` and `live` ask about a source, once."""
+"""What `deckline run`, `live` and `calibrate` ask about a source, once."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -24,7 +24,6 @@ from deckline.recording.camera_file import (
     STATED,
     MountedCamera,
     camera_from_mapping,
-    check_fov,
     make_pinhole,
     note_camera,
 )
@@ -100,10 +99,9 @@ class AirSimRecording(Recording):
         if self._known is None:
             origin = "AirSim's default, without --fov-deg" if fov_deg is None else STATED
             return f"{self.name}: camera {origin}: {fov_deg or AIRSIM_FOV_DEG:g} degrees across"
-        check_fov(self._known.camera, fov_deg, self.name)
         given = self._options.camera is not None
         origin = OF_OPTION if given else f"of {CAMERA_FILE if self._scene.camera is None else SCENE_FILE}"
-        return note_camera(self.name, self._known.camera, origin)
+        return note_camera(self.name, self._known.camera, origin, fov_deg)
 
     def __len__(self) -> int:
         return len(self._rows)

@@ -17,7 +17,6 @@ from deckline.recording.camera_file import (
     OF_OPTION,
     STATED,
     MountedCamera,
-    check_fov,
     make_pinhole,
     note_assumed,
     note_camera,
@@ -231,8 +230,7 @@ def open_bag(
     no_poses = (f"{path}: no poses: the pictures alone say where the aircraft is",)
     notes += no_poses if track is None else track.notes_on(times)
     if mounted is not None:
-        check_fov(mounted.camera, options.fov_deg, str(path))
-        notes.append(note_camera(str(path), mounted.camera, origin))
+        notes.append(note_camera(str(path), mounted.camera, origin, options.fov_deg))
         mounted = mounted.at(options.deck_z_m, options.sea_z_m)
     readers = {topic.name: _message_reader(path, topic, found) for topic in (pictures, depth) if topic}
     source = Bag(path, readers[pictures.name], mounted, mount, track, None if depth is None else readers[depth.name])

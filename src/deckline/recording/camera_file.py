@@ -90,12 +90,14 @@ def make_pinhole(width: int, height: int, fov_deg: float) -> MountedCamera:
     return MountedCamera(Camera.from_fov(width, height, float(np.deg2rad(fov_deg))), camera_mount())
 
 
-def note_camera(name: str, camera: Camera, origin: str) -> str:
-    """The note on which camera a source takes.
+def note_camera(name: str, camera: Camera, origin: str, fov_deg: float | None = None) -> str:
+    """The note on which camera a source takes; errors as `check_fov`.
 
     Args:
         origin: where the camera comes from, such as "of camera.toml".
+        fov_deg: the stated field of view that it must not contradict; None: nobody stated one, or it is that one's.
     """
+    check_fov(camera, fov_deg, name)
     sigma = "" if camera.focal_sigma is None else f", focal length to {camera.focal_sigma:.0%}"
     return f"{name}: camera {origin}: {camera.fov_deg:.1f} degrees across {camera.width}x{camera.height} px{sigma}"
 

@@ -18,7 +18,6 @@ from deckline.recording.camera_file import (
     OF_OPTION,
     STATED,
     MountedCamera,
-    check_fov,
     make_pinhole,
     note_assumed,
     note_camera,
@@ -160,8 +159,8 @@ def _find_camera(
         mounted, origin = read_camera_file(camera_file), f"of {camera_file.name}"
     if mounted is not None:
         mounted = mounted if size is None or stored_size is None else mounted.for_square_pixels(size, stored_size)
-        check_fov(mounted.camera, options.fov_deg, str(path))
-        notes = (note_camera(str(path), mounted.camera, origin), *_note_scaling(path, mounted, size))
+        note = note_camera(str(path), mounted.camera, origin, options.fov_deg)
+        notes = (note, *_note_scaling(path, mounted, size))
     elif options.fov_deg is not None and size is not None:
         mounted = make_pinhole(*size, options.fov_deg)
         notes = (note_camera(str(path), mounted.camera, STATED),)
