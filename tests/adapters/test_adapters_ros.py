@@ -20,7 +20,7 @@ from deckline.adapters.ros.encode import Encoder
 from deckline.adapters.ros.messages import deck_from_body
 from deckline.cli.main import main
 from deckline.cli.run import unpack_sample
-from deckline.live.datagrams import parse_udp
+from deckline.live.datagrams import parse_host_port
 from deckline.live.recorder import FrameFolder
 from deckline.recording import open_recording
 from deckline.report.records import frame_record
@@ -263,7 +263,7 @@ def test_foxglove_gets_the_same_messages():
     address = f"127.0.0.1:{free_port()}"
     with closing(Publisher(None, address)) as publisher:
         view, result = FlightPublisher(publisher, "approach", STILL), chain(frame())
-        assert parse_udp(publisher.url, ("ws",))[0] == "127.0.0.1"
+        assert parse_host_port(publisher.url, ("ws",))[0] == "127.0.0.1"
         with connect(publisher.url, subprotocols=["foxglove.sdk.v1"]) as client:
             stop = threading.Event()
 

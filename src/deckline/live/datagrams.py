@@ -24,8 +24,8 @@ PACKET, SYNC = 188, 0x47  # length of a transport packet, bytes, and its first b
 RTP_VERSION, RTP_HEADER, RTP_MPEG_TS = 2, 12, 33
 
 
-def parse_udp(address: str, schemes: tuple[str, ...] = ("udp",)) -> tuple[str, int]:
-    """udp://HOST:PORT -> host and port, or a ValueError."""
+def parse_host_port(address: str, schemes: tuple[str, ...] = ("udp",)) -> tuple[str, int]:
+    """SCHEME://HOST:PORT of one of these schemes -> host and port, or a ValueError."""
     try:
         parts = urlsplit(address)
         host, port = parts.hostname, parts.port
@@ -68,7 +68,7 @@ class Receiver:
     """
 
     def __init__(self, address: str, stopped: Event, log: Log, accepts: Callable[[bytes], bool] = bool) -> None:
-        host, port = parse_udp(address, ("udp", "rtp"))
+        host, port = parse_host_port(address, ("udp", "rtp"))
         self.foreign = Tally(f"datagrams to {address} left out", log)
         self._stopped = stopped
         self._accepts = accepts

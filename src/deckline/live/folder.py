@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from deckline.flight import Flight
-from deckline.live.datagrams import parse_udp
+from deckline.live.datagrams import parse_host_port
 from deckline.live.mailbox import BackgroundWriter
 from deckline.live.messages import LIVE_COLUMNS
 from deckline.live.pipeline import Outputs
@@ -37,7 +37,7 @@ def open_output(to: str, log: Log) -> Iterator[Callable[[Record], None]]:
     if to == "-":
         yield _print_record
         return
-    address, unsent = parse_udp(to), Tally(f"messages not sent to {to}", log)
+    address, unsent = parse_host_port(to), Tally(f"messages not sent to {to}", log)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as output, closing(unsent):
 
         def send(record: Record) -> None:

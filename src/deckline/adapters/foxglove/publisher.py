@@ -10,7 +10,7 @@ from deckline.adapters.ros.encode import Encoder
 from deckline.adapters.ros.messages import Message, diagnostics, frame_messages, guidance_messages
 from deckline.config import RunConfig
 from deckline.flight import FrameResult
-from deckline.live.datagrams import parse_udp
+from deckline.live.datagrams import parse_host_port
 from deckline.recording.images import encode_image
 from deckline.report.records import Record
 
@@ -37,7 +37,7 @@ class Publisher:
         self._stack = ExitStack()
         self.url = ""
         if address is not None:
-            host, port = parse_udp(f"ws://{address.removeprefix('ws://')}", ("ws",))
+            host, port = parse_host_port(f"ws://{address.removeprefix('ws://')}", ("ws",))
             try:
                 server = foxglove.start_server(name="deckline", host=host, port=port, context=self._context)
             except RuntimeError as error:

@@ -23,7 +23,7 @@ from deckline.adapters.mavlink.timesync import ClockOffset
 from deckline.config import Navigation
 from deckline.geometry import pose
 from deckline.live.clock import WallClock
-from deckline.live.datagrams import LARGEST, parse_udp
+from deckline.live.datagrams import LARGEST, parse_host_port
 from deckline.live.poses import WAIT_S, PoseBuffer
 from deckline.live.tally import Log, Tally
 from deckline.recording import RecordingError
@@ -257,7 +257,7 @@ def _open_socket(address: str) -> tuple[socket.socket, tuple[str, int] | None]:
     if scheme not in ("udp", "udpin", "udpout"):
         raise ValueError(f"{address}: expected udp:HOST:PORT or udpout:HOST:PORT, such as udp:0.0.0.0:14540")
     try:
-        host, port = parse_udp(f"udp://{rest.removeprefix('//')}")
+        host, port = parse_host_port(f"udp://{rest.removeprefix('//')}")
     except ValueError:
         raise ValueError(f"{address}: expected {scheme}:HOST:PORT, such as {scheme}:127.0.0.1:14540") from None
     opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
