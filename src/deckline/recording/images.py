@@ -128,12 +128,7 @@ def read_bytes(path: Path, what: str) -> bytes:
 
 
 def read_depth(
-    path: Path,
-    name: str,
-    camera: Camera,
-    depth_type: int = DEPTH_PLANAR,
-    rows: PfmRows = "top-to-bottom",
-    far_m: float = FAR_DEPTH_M,
+    path: Path, name: str, camera: Camera, depth_type: int, rows: PfmRows, far_m: float
 ) -> NDArray[np.float32]:
     """PFM depth file -> depth (H, W) along the optical axis, metres, NaN where nothing was seen.
 

@@ -211,7 +211,7 @@ def match_contrast(image: Image, hazy: Image, clear: Image) -> Image:
     return matched
 
 
-def find_window(result: FrameResult, scale: float, size_px: tuple[int, int] = INSET_PX) -> Window | None:
+def find_window(result: FrameResult, scale: float, size_px: tuple[int, int]) -> Window | None:
     """The image part to magnify to a size; None when the lines are large enough, or none.
 
     Args:

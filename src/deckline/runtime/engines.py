@@ -14,7 +14,7 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.config import CPU, Device, Engine, Precision
+from deckline.config import Device, Engine, Precision
 from deckline.extras import needs_extra
 
 PROCESSOR = "CPUExecutionProvider"
@@ -104,7 +104,7 @@ def check_engine(engine: Engine) -> None:
         raise ValueError(f"engine.precision: this processor has no {engine.precision}, only {', '.join(precisions)}")
 
 
-def open_onnxruntime(path: Path, engine: Engine = CPU, optimised: bool = True) -> Any:
+def open_onnxruntime(path: Path, engine: Engine, optimised: bool = True) -> Any:
     """ONNX Runtime's session; without `optimised` it loads faster, and runs slower.
 
     Raises:

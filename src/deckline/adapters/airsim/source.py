@@ -105,8 +105,8 @@ def read_frame(
     depth: Mapping[str, Any],
     body_from_camera: RigidTransform,
     fov_rad: float,
-    deck_z_m: float | None = None,
-    sea_z_m: float | None = None,
+    deck_z_m: float | None,
+    sea_z_m: float | None,
 ) -> Frame:
     """A frame from the answers to simGetImages for the picture and the planar depth.
 
