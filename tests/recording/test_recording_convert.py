@@ -4,9 +4,9 @@ from recording_bytes import CAMERA, PIXELS, pfm, png, recording, row
 
 from deckline.geometry import Camera, attitude, camera_mount
 from deckline.recording import BadFrame, RecordingError, RecordingWriter, open_recording
-from deckline.recording.airsim import ReadOptions
 from deckline.recording.camera_file import read_camera_file
 from deckline.recording.convert import add_scene, drop_scene
+from deckline.recording.read_options import ReadOptions
 from deckline.types import Frame
 
 DEPTH = [[1.0, 2.0, 3.0], [4.0, 5.0, 65504.0]]

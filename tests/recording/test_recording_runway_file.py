@@ -8,8 +8,8 @@ from deckline.config import Approach, Deck, RunConfig, RunwaySurvey
 from deckline.config_file import read_config
 from deckline.options import RunOptions
 from deckline.recording import RecordingError, open_recording, select_frames
-from deckline.recording.airsim import ReadOptions
 from deckline.recording.convert import add_scene, drop_scene
+from deckline.recording.read_options import ReadOptions
 
 STATED = "[deck]\nwidth_m = 20\n[approach]\ntouchdown_m = 80.0\n"
 

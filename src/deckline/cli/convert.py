@@ -11,11 +11,11 @@ from deckline.files import print_notes
 from deckline.geometry import attitude, camera_mount
 from deckline.live.recorder import FrameFolder
 from deckline.recording import Recording, open_recording
-from deckline.recording.airsim import ReadOptions
 from deckline.recording.bag import is_bag
 from deckline.recording.camera_file import read_camera_file
 from deckline.recording.convert import add_scene, drop_scene
 from deckline.recording.images import encode_image
+from deckline.recording.read_options import ReadOptions
 from deckline.types import Frame
 
 NO_TURN = (0.0, 0.0, 0.0)

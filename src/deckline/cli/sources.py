@@ -14,7 +14,6 @@ from deckline.live.opening import open_camera
 from deckline.live.source import StreamCamera
 from deckline.live.tally import Log
 from deckline.recording import Recording, open_recording
-from deckline.recording.airsim import ReadOptions
 from deckline.recording.camera_file import (
     OF_OPTION,
     MountedCamera,
@@ -24,6 +23,7 @@ from deckline.recording.camera_file import (
     note_camera,
     read_camera_file,
 )
+from deckline.recording.read_options import ReadOptions
 
 if TYPE_CHECKING:
     from deckline.adapters.airsim.source import AirSimSource

@@ -7,14 +7,12 @@ Source: AirSim, "Recording" in its documentation; image types in its "Image APIs
 """
 
 import re
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.checks import check_choice, check_numbers
 from deckline.files import is_there
 from deckline.geometry import pose
 from deckline.recording.camera_file import (
@@ -27,8 +25,9 @@ from deckline.recording.camera_file import (
     make_pinhole,
     note_camera,
 )
-from deckline.recording.images import DEPTH_PERSPECTIVE, DEPTH_PLANAR, FAR_DEPTH_M, PfmRows, read_depth, read_image
+from deckline.recording.images import DEPTH_PERSPECTIVE, DEPTH_PLANAR, read_depth, read_image
 from deckline.recording.poses import read_numbers
+from deckline.recording.read_options import ReadOptions
 from deckline.recording.scene_file import SCENE_FILE, SceneFile, get_clear_image, read_scene, truth_from_mapping
 from deckline.recording.source import FrameError, Recording, check_index, check_number, is_inside
 from deckline.recording.text_table import Cells, TextTable, read_table
@@ -43,33 +42,7 @@ CAR_COLUMNS = ("Throttle", "Steering", "Brake", "Gear", "Handbrake", "RPM", "Spe
 SCENE = 0  # AirSim's image type of the picture itself
 MS_PER_S = 1000.0
 AIRSIM_FOV_DEG = 90.0  # AirSim's default
-FOV_RANGE_DEG = (1.0, 170.0)  # of a stated pinhole; narrower and wider ones are typing errors
 _IMAGE_NAME = re.compile(r"(?P<camera>img_.*)_(?P<type>\d+)_(?P<ns>\d+)\.(?P<suffix>\w+)")
-
-
-@dataclass(frozen=True, eq=False)
-class ReadOptions:
-    """How to read what a recording does not state itself."""
-
-    fov_deg: float | None = None
-    """Horizontal field of view, degrees, of a recording without a camera; None: of AirSim's recordings 90."""
-    camera: MountedCamera | None = None
-    """Given by the user; it goes before the files'."""
-    deck_z_m: float | None = None
-    """World z (down) of the deck plane, m; None: as the recording states."""
-    sea_z_m: float | None = None
-    """World z (down) of the water, m; None: as the recording states."""
-    pfm_rows: PfmRows = "top-to-bottom"
-    """Order of the rows in depth files; the default is AirSim's."""
-    far_m: float = FAR_DEPTH_M
-    """Stored depths from here on mean that nothing was seen, m."""
-
-    def __post_init__(self) -> None:
-        check_numbers(self, "", "fov_deg", least=FOV_RANGE_DEG[0], most=FOV_RANGE_DEG[1])
-        check_numbers(self, "", "deck_z_m", "sea_z_m")
-        check_choice("pfm_rows", self.pfm_rows, PfmRows)
-        if not self.far_m > 0:
-            raise ValueError(f"far_m must be > 0 m, got {self.far_m}")
 
 
 class AirSimRecording(Recording):

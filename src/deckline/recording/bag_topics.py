@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
 from deckline.config import Navigation
-from deckline.recording.airsim import ReadOptions
 from deckline.recording.bag import Bag, MessageReader, Topic, deserialize, open_reader, refuse
 from deckline.recording.camera_file import (
     OF_OPTION,
@@ -22,6 +21,7 @@ from deckline.recording.camera_file import (
     note_camera,
 )
 from deckline.recording.pose_track import PoseTrack, join_tracks, make_track
+from deckline.recording.read_options import ReadOptions
 from deckline.recording.ros_messages import (
     BODY,
     TransformTree,

@@ -14,12 +14,12 @@ from deckline.recording.airsim import (
     IMAGE_FOLDER,
     RECORD_FILE,
     AirSimRecording,
-    ReadOptions,
     choose_images,
     list_row_images,
     read_rows,
 )
 from deckline.recording.camera_file import camera_to_mapping
+from deckline.recording.read_options import ReadOptions
 from deckline.recording.runway_file import RUNWAY_FILE
 from deckline.recording.scene_file import SCENE_FILE, format_entry, format_scene, get_heights, read_scene
 from deckline.recording.source import BadFrame, RecordingError, is_inside, read_data

@@ -12,11 +12,11 @@ from scipy.spatial.transform import RigidTransform
 
 from deckline.files import is_there
 from deckline.geometry import camera_mount
-from deckline.recording.airsim import ReadOptions
 from deckline.recording.camera_file import MountedCamera
 from deckline.recording.exif import camera_from_exif
 from deckline.recording.images import DEPTH_PLANAR, IMAGE_SUFFIXES, read_depth, read_image
 from deckline.recording.poses import TIMES_FILE, Poses, drop_unknown_place
+from deckline.recording.read_options import ReadOptions
 from deckline.recording.source import FrameError, Recording, check_index, check_number, is_inside
 from deckline.types import Frame
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from deckline.config import Navigation
 from deckline.files import is_there
-from deckline.recording.airsim import RECORD_FILE, AirSimRecording, ReadOptions
+from deckline.recording.airsim import RECORD_FILE, AirSimRecording
 from deckline.recording.bag import is_bag
 from deckline.recording.camera_file import (
     CAMERA_FILE,
@@ -27,6 +27,7 @@ from deckline.recording.exif import camera_from_exif
 from deckline.recording.image_folder import ImageFolder, find_first_image, list_images
 from deckline.recording.images import FAR_DEPTH_M, IMAGE_SUFFIXES, PfmRows
 from deckline.recording.poses import POSES_FILE, TIMES_FILE, read_image_times, read_poses
+from deckline.recording.read_options import ReadOptions
 from deckline.recording.runway_file import RUNWAY_FILE, read_runway_file
 from deckline.recording.source import BadFrame, Recording, RecordingError
 from deckline.recording.text_table import TextTable
