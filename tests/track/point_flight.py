@@ -67,6 +67,13 @@ def true_lines(flight: Flight, time_s: float) -> dict[str, RunwayLine]:
     return found
 
 
+def deviations(pose: RigidTransform, line: RunwayLine) -> np.ndarray:
+    """Aircraft right of the line, m; nose right of it, rad; line below the aircraft, m."""
+    right = np.array([-np.sin(line.azimuth_rad), np.cos(line.azimuth_rad), 0.0])
+    nose, away = pose.rotation.apply([1.0, 0.0, 0.0]), pose.translation - line.point_m
+    return np.array([away @ right, np.arctan2(nose[1], nose[0]) - line.azimuth_rad, -away[2]])
+
+
 def true_pose(flight: Flight, time_s: float) -> RigidTransform:
     """The aircraft on a wandering approach, with the attitude shaking."""
     phase = np.random.default_rng([flight.seed, 1]).uniform(0, 2 * np.pi, 5)

@@ -8,6 +8,8 @@ from scipy.spatial.transform import RigidTransform
 from deckline.config import Deck, RunConfig
 from deckline.geometry import Camera
 from deckline.track import Tracker
+from deckline.track.filter import FilterState, update
+from deckline.track.states import States, initial_state
 from deckline.types import (
     DepthMode,
     Diagnostic,
@@ -21,6 +23,7 @@ from deckline.types import (
 
 CALM = RunConfig(deck=Deck(sea_state=0.0))
 KNOWN = RunConfig(deck=Deck(sea_state=0.0, width_m=15.0))
+SWELL = RunConfig(deck=Deck(sea_state=4.0, width_m=15.0))
 NOTHING = RunwayEstimate(
     LineVisibility.NONE, DepthMode.NONE, {}, {}, diagnostics=(Diagnostic(Reason.NO_LINE, "no line"),)
 )
@@ -63,6 +66,16 @@ def settled(config=CALM, seed=4) -> tuple[Tracker, np.random.Generator]:
     rng, tracker = np.random.default_rng(seed), Tracker(config)
     advance_all(tracker, ((view(index / 10), seen(rng)) for index in range(20)))
     return tracker, rng
+
+
+def start(config) -> FilterState:
+    """The state of a track that has seen nothing but where a line is."""
+    return initial_state(0.0, RunwayLine(np.zeros(3), 0.0, np.eye(3)), None, config)
+
+
+def measured(state: FilterState, index: int, value: float, sigma: float) -> FilterState:
+    """The state after one of its numbers is measured."""
+    return update(state, np.array([value]), np.eye(1, States.SIZE, index), np.array([[sigma**2]]))
 
 
 def numbers_in(message) -> list[float]:

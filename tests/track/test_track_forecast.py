@@ -5,9 +5,8 @@ from itertools import islice
 
 import numpy as np
 import pytest
-from point_flight import Flight, approach, true_lines, true_pose
+from point_flight import Flight, approach, deviations, true_lines, true_pose
 from steady_view import CALM, NOTHING, advance, advance_all
-from test_track_tracker import deviations
 
 from deckline.track import Tracker
 from deckline.track.forecast import describe_track

@@ -4,37 +4,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from point_flight import Flight, approach, draw_errors, true_lines
+from point_flight import Flight, approach, deviations, draw_errors, true_lines
 from scipy.spatial.transform import RigidTransform
-from steady_view import CALM, KNOWN, advance, numbers_in, reasons, seen, settled, view
-from test_track_tracker import deviations
+from steady_view import CALM, KNOWN, SWELL, advance, numbers_in, reasons, seen, settled, start, view
 
-from deckline.config import Integrity
 from deckline.probability import chi2_gate
 from deckline.track import Tracker
 from deckline.track.filter import update
 from deckline.track.integrity import FaultMonitor, LeftOut
 from deckline.track.measurement import measure, select_consistent
 from deckline.track.motion import Pose
-from deckline.track.prior_tests import (
-    UNBOUNDED_YAW,
-    UNLIKELY,
-    bias_flag,
-    drift_flag,
-    prior_tests,
-    unverified_reasons,
-)
-from deckline.track.protection import fault_gains, least_closing_speed, protection_levels, undetected_yaw
 from deckline.track.stated_width import WidthTest
-from deckline.track.states import KNOWN_DRIFT_SIGMA_M_S, States, initial_state
-from deckline.trackers import YOUNG
-from deckline.types import DepthMode, Reason, RunwayLine, TrackState, Value
+from deckline.track.states import initial_state
+from deckline.types import DepthMode, Reason, TrackState
 
 SLOW = Flight(modes="both", rate_hz=4.0, start_m=500.0)
-LINE = RunwayLine(np.zeros(3), 0.0, np.eye(3))
-QUANTILE = 5.3267  # of a normal error, two-sided, at a risk of 1e-7
-MOORED = replace(CALM, deck=replace(CALM.deck, ship_velocity_m_s=(0.0, 0.0)))
-SWELL = replace(KNOWN, deck=replace(KNOWN.deck, sea_state=4.0))
 
 
 def fly(flight, errors, config=KNOWN, change=lambda index, estimate: estimate):
@@ -154,55 +138,6 @@ def test_after_a_jump_of_the_pose_nothing_is_known_of_the_lines_before():
     assert tracks[-1].flags == ()
 
 
-def test_errors_that_are_each_just_possible_are_doubted_together():
-    state = initial_state(0.0, LINE, None, KNOWN)
-    sigmas = np.sqrt(np.diag(state.covariance))
-
-    def doubts(sizes):
-        now = state
-        for index, size in sizes.items():  # measured well: 0.1 sigma
-            design = np.eye(1, States.SIZE, index)
-            now = update(now, np.array([size * sigmas[index]]), design, np.array([[0.01 * sigmas[index] ** 2]]))
-        return unverified_reasons(now, 5.0, prior_tests(now, 0.0, KNOWN), 0.05, KNOWN)
-
-    assert doubts({States.DRIFT: 0.0, States.DECK: 3.2}) == ()
-    assert doubts({States.DRIFT: 0.0, States.DECK: 3.2, States.FOCAL: 3.2}) == (UNLIKELY,)
-    assert doubts({}) == (YOUNG,), "the drift is not known"
-    sure = replace(state, covariance=0.01 * state.covariance)
-    assert unverified_reasons(sure, 0.0, prior_tests(sure, 0.0, KNOWN), 0.05, KNOWN) == (YOUNG,)
-
-
-def test_a_stated_deck_height_that_lines_contradict_is_the_posterior_of_the_two():
-    """One state, one measurement: the test statistic and the bound in closed form."""
-    state = initial_state(0.0, LINE, None, KNOWN)
-    prior, noise, found = state.covariance[States.DECK, States.DECK], 0.02**2, 1.2
-    design = np.zeros((1, States.SIZE))
-    design[0, States.DECK] = 1.0
-    state = update(state, np.array([found]), design, np.array([[noise]]))
-    assert state.mean[States.DECK] == pytest.approx(found * prior / (prior + noise))
-    assert bias_flag(state, 0.0, KNOWN).reason is Reason.HEIGHT
-    small = update(initial_state(0.0, LINE, None, KNOWN), np.array([0.5]), design, np.array([[noise]]))
-    assert 0.5 * prior / (prior + noise) / np.sqrt(prior**2 / (prior + noise)) < 5
-    assert bias_flag(small, 0.0, KNOWN) is None
-
-
-def test_the_protection_level_is_that_of_noise_plus_the_worst_undetected_fault():
-    state = initial_state(0.0, LINE, None, KNOWN)
-    covariance = np.zeros((States.SIZE, States.SIZE))
-    covariance[States.HEIGHT, States.HEIGHT] = 0.3**2
-    # z moves with the deck height, which is as unsure as at first
-    covariance[States.HEIGHT, States.DECK] = covariance[States.DECK, States.HEIGHT] = -0.02
-    covariance[States.DECK, States.DECK] = state.covariance[States.DECK, States.DECK]
-    state = replace(state, covariance=covariance)
-    pose = Pose(np.array([-100.0, 0.0, -10.0]), np.zeros(3), np.zeros(3))
-    tests = prior_tests(state, 0.0, KNOWN)
-    level = protection_levels(state, pose, None, None, tests, None, 1.0, KNOWN)
-    sigma, prior = np.hypot(0.3, KNOWN.sensors.position_white_m), state.covariance[States.DECK, States.DECK]
-    assert level.vertical_m == pytest.approx(5.3267 * sigma + 0.02 / prior * KNOWN.integrity.max_deck_z_m, rel=1e-3)
-    rarer = protection_levels(state, pose, None, None, tests, None, 1.0, replace(KNOWN, integrity=Integrity(risk=1e-3)))
-    assert level.vertical_m - rarer.vertical_m == pytest.approx((5.3267 - 3.2905) * sigma, rel=1e-3)
-
-
 def test_a_line_that_comes_back_to_a_track_that_others_held_ends_its_flag():
     """The right line 4 m outside for a second: left out, flagged, then at its place again."""
     flight = replace(SLOW, seed=3)
@@ -258,89 +193,6 @@ def test_a_line_that_was_flagged_and_came_nearer_returns_where_all_agrees_well(s
     assert [diagnostic.reason for diagnostic in gated.excluded] == ([Reason.RIGHT] if is_out else [])
 
 
-def test_lines_that_drift_faster_than_a_ship_are_flagged():
-    state = initial_state(0.0, LINE, None, CALM)
-    assert drift_flag(state, CALM) is None
-    design = np.eye(States.SIZE)[[States.DRIFT]]
-    for speed, flagged in ((3.0, False), (6.0, True)):
-        known = update(state, np.array([speed]), design, np.array([[0.1**2]]))
-        assert (drift_flag(known, CALM) is not None) is flagged
-
-
-def with_drift(config, drift_m_s, sigma_m_s):
-    """A state whose frames measured the lines' drift with a 1-sigma."""
-    design = np.eye(1, States.SIZE, States.DRIFT)
-    return update(initial_state(0.0, LINE, None, config), np.array([drift_m_s]), design, np.array([[sigma_m_s**2]]))
-
-
-def test_the_yaw_that_stays_undetected_is_what_the_drift_of_the_lines_allows():
-    """The largest drift of a ship, the measured one and its quantile; with the ship's velocity, that one's error."""
-    sigma = 0.1
-    unknown = (CALM.integrity.max_drift_m_s + 0.5 + QUANTILE * sigma) / 60.0
-    assert undetected_yaw(with_drift(CALM, 0.5, sigma), 60.0, CALM) == pytest.approx(np.arcsin(unknown), rel=1e-4)
-    stated = (0.5 + QUANTILE * np.hypot(KNOWN_DRIFT_SIGMA_M_S, sigma)) / 20.0
-    assert undetected_yaw(with_drift(MOORED, -0.5, sigma), 20.0, MOORED) == pytest.approx(np.arcsin(stated), rel=1e-4)
-
-
-def test_no_yaw_is_bounded_while_the_drift_is_unknown_or_the_aircraft_slow():
-    assert undetected_yaw(initial_state(0.0, LINE, None, CALM), 60.0, CALM) is None
-    assert undetected_yaw(initial_state(0.0, LINE, None, MOORED), 60.0, MOORED) is None
-    state = with_drift(CALM, 0.0, 0.1)
-    assert undetected_yaw(state, 20.0, CALM) is None  # 12 degrees would not show
-    assert undetected_yaw(state, -5.0, CALM) is None
-    tests = prior_tests(state, 0.0, CALM)
-    assert unverified_reasons(state, 5.0, tests, None, CALM) == (UNBOUNDED_YAW,)
-    assert unverified_reasons(state, 5.0, tests, 0.1, CALM) == ()
-
-
-def test_the_closing_speed_is_the_least_that_ship_and_pictures_allow():
-    state = initial_state(0.0, LINE, None, CALM)
-    pose = Pose(np.zeros(3), np.array([40.0, 3.0, 2.0]), np.zeros(3))
-    assert least_closing_speed(state, pose, None, CALM) == pytest.approx(40.0 - CALM.integrity.max_ship_m_s)
-    assert least_closing_speed(state, pose, Value(38.0, 1.0), CALM) == pytest.approx(38.0 - QUANTILE, rel=1e-4)
-    assert least_closing_speed(state, pose, Value(38.0, 9.0), CALM) == pytest.approx(40.0 - CALM.integrity.max_ship_m_s)
-    sailing = replace(CALM, deck=replace(CALM.deck, ship_velocity_m_s=(8.0, 2.0)))
-    assert least_closing_speed(state, pose, Value(38.0, 1.0), sailing) == pytest.approx(32.0)
-
-
-def test_a_wrong_stated_width_moves_the_estimates_by_the_posterior_of_a_wrong_prior_mean():
-    """Two priors a metre apart, the same measurement of spacing and height: the difference of the means."""
-    means = []
-    for width_m in (15.0, 16.0):
-        config = replace(SWELL, deck=replace(SWELL.deck, width_m=width_m))
-        state = initial_state(0.0, LINE, None, config)
-        design = np.zeros((1, States.SIZE))
-        design[0, [States.SPACING, States.HEAVE]] = 1.0, -0.7
-        state = update(state, np.array([15.2 - width_m]), design, np.array([[0.2**2]]))
-        means.append(state.mean)
-    gain = fault_gains(state, 0.0, config)[:, -1]
-    assert abs(gain[States.HEAVE]) > 0.5
-    np.testing.assert_allclose(means[1] - means[0], gain, atol=1e-12)
-
-
-def test_a_deck_that_heaves_beyond_its_sea_state_is_flagged_and_named_by_the_width():
-    state = initial_state(0.0, LINE, None, SWELL)
-    heave_m = 6.0 * np.sqrt(state.covariance[States.HEAVE, States.HEAVE])
-    design = np.eye(1, States.SIZE, States.HEAVE)
-    raised = update(state, np.array([heave_m]), design, np.array([[0.05**2]]))
-    camera_m = np.array([-100.0, 0.0, -20.0])
-    flag = bias_flag(raised, 0.0, SWELL, camera_m)
-    assert flag.reason is Reason.SPACING
-    by_height = 15.0 * 20.0 / (20.0 + raised.mean[States.HEAVE])
-    assert numbers_in(flag.message) == pytest.approx([by_height, 15.0], abs=0.06)
-    assert bias_flag(raised, 0.0, SWELL).reason is Reason.HEIGHT
-    assert bias_flag(update(state, np.array([0.5 * heave_m]), design, np.array([[0.05**2]])), 0.0, SWELL) is None
-
-
-def test_a_wrong_deck_height_is_named_with_the_stated_one():
-    state = initial_state(0.0, LINE, None, KNOWN)
-    design = np.eye(1, States.SIZE, States.DECK)
-    wrong = update(state, np.array([2.0]), design, np.array([[0.01**2]]))
-    flag = bias_flag(wrong, 0.0, KNOWN)
-    assert flag.reason is Reason.HEIGHT
-    assert numbers_in(flag.message) == pytest.approx([0.0, 2.0], abs=0.06)
-
-
 @pytest.mark.parametrize("share", [0.25, 0.8, 0.93, 1.07, 1.2, 1.75])
 def test_a_wrong_stated_width_is_flagged_or_bounded(share):
     config = replace(SWELL, deck=replace(SWELL.deck, width_m=15.0 * share))
@@ -377,22 +229,8 @@ def test_a_contradicted_width_is_withdrawn_by_a_test_that_would_have_shown_it():
     less_sharp, between = WidthTest(15.2, 15, 1.8, DepthMode.COARSE), WidthTest(21, 15, 1.3, DepthMode.COARSE)
     assert contradicted.update_width(less_sharp, 5.0).contradiction is None
     assert contradicted.update_width(between, 5.0).contradiction is wrong, "it agrees with both"
-    state = initial_state(0.0, LINE, None, KNOWN)
+    state = start(KNOWN)
     assert reasons(contradicted.active_flags(None, state, None, None, 5.0, KNOWN)) == [Reason.SPACING]
-
-
-def test_one_large_error_is_doubted_among_many_small_ones():
-    state = initial_state(0.0, LINE, None, KNOWN)
-    sigmas = np.sqrt(np.diag(state.covariance))
-    tested = [States.DRIFT, *range(States.SIZE)[States.SHARED_ERRORS]]
-    for size, doubted in ((3.0, False), (4.4, True)):
-        now = state
-        for index in tested:
-            error = size if index == States.FOCAL else 0.0
-            noise = np.array([[1e-4 * sigmas[index] ** 2]])
-            now = update(now, np.array([error * sigmas[index]]), np.eye(1, States.SIZE, index), noise)
-        assert (UNLIKELY in unverified_reasons(now, 5.0, prior_tests(now, 0.0, KNOWN), 0.05, KNOWN)) is doubted
-        assert bias_flag(now, 0.0, KNOWN) is None
 
 
 @pytest.mark.parametrize("turn_deg", [*np.eye(3), np.array([0.0, 0.0, -3.0])])

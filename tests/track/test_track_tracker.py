@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from point_flight import Flight, approach, draw_errors, one_frame, true_lines
+from point_flight import Flight, approach, deviations, draw_errors, one_frame, true_lines
 from scipy.spatial.transform import RigidTransform
 from scipy.stats import chi2
 from steady_view import CALM, KNOWN, NOTHING, advance, advance_all, numbers_in, reasons, seen, settled, view
@@ -13,13 +13,6 @@ from deckline.config import Deck, RunConfig
 from deckline.track import Tracker
 from deckline.trackers import CORRELATION_TIME_S, noise_inflation
 from deckline.types import Diagnostic, LineVisibility, Reason, Track, TrackState
-
-
-def deviations(pose, line):
-    """Aircraft right of the line, m; nose right of it, rad; line below the aircraft, m."""
-    right = np.array([-np.sin(line.azimuth_rad), np.cos(line.azimuth_rad), 0.0])
-    nose, away = pose.rotation.apply([1.0, 0.0, 0.0]), pose.translation - line.point_m
-    return np.array([away @ right, np.arctan2(nose[1], nose[0]) - line.azimuth_rad, -away[2]])
 
 
 def errors_of(flight, frame, truth, line, side="centre"):
