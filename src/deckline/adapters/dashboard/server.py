@@ -8,6 +8,7 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 from urllib.parse import quote, urlsplit
 
@@ -43,6 +44,7 @@ DEHAZED = 8  # dehazed snapshots in memory, for other browsers
 WAIT_S = 0.1
 END_S = 3.0  # for a thread to end
 POLICY = "default-src 'self' 'unsafe-inline' 'unsafe-eval' blob: data:; connect-src 'self'; frame-ancestors 'none'"
+STYLE = Path(__file__).with_name("board.css")
 
 
 class Board(ui.element, component="board.vue"):
@@ -160,6 +162,8 @@ class Dashboard:
     def _show(self) -> None:
         """The page of a browser: it gets what is new a few times a second."""
         ui.query(".nicegui-content").style("padding: 0")
+        style = STYLE.read_text(encoding="utf-8")
+        ui.add_body_html(f"<style>{style}</style>")
         board, sent = Board(), -1
         board.props["facts"] = self._facts
 
