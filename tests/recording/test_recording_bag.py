@@ -64,6 +64,7 @@ def test_a_bag_gives_the_frames_that_were_recorded(kind, poses, tmp_path):
     source = open_recording(write(tmp_path / "flight", kind, rows(poses)), deck_z_m=-20.0)
     frames = list(source)
     assert len(source) == len(frames) == COUNT
+    assert source.times().tolist() == [frame.time_s for frame in frames]
     assert [frame.file for frame in frames] == [f"{source.name.rsplit('/')[-1]}#{index}" for index in range(COUNT)]
     assert frames[0].camera == CAMERA
     assert_same([source.load(2), source.load(0)])  # any frame can be loaded

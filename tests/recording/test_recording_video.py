@@ -69,6 +69,7 @@ def test_frames_come_in_order_with_the_films_clock(film):
     assert len(source) == len(frames) == COUNT
     assert [frame.file for frame in frames] == [f"approach.mp4#{index}" for index in range(COUNT)]
     np.testing.assert_allclose([frame.time_s for frame in frames], np.arange(COUNT) / 25, atol=1e-6)
+    assert source.times().tolist() == [frame.time_s for frame in frames]
     reds = [float(frame.image_rgb[20, 20, 0]) for frame in frames]
     np.testing.assert_allclose(reds, [level(index) for index in range(COUNT)], atol=6)
     assert max(frame.image_rgb[:, :, 2].max() for frame in frames) < 20  # red, not blue
@@ -197,14 +198,14 @@ def test_what_is_no_film_says_so(tmp_path, content):
 
 
 def test_sound_is_no_film(tmp_path):
-    path = tmp_path / "sound.wav"
+    path = tmp_path / "sound.mov"
     with av.open(str(path), "w") as container:
         stream = container.add_stream("pcm_s16le", rate=8000)
         frame = av.AudioFrame.from_ndarray(np.zeros((1, 800), np.int16), format="s16", layout="mono")
         frame.sample_rate = 8000
         container.mux(stream.encode(frame))
         container.mux(stream.encode())
-    with pytest.raises(RecordingError, match=r"sound\.wav"):
+    with pytest.raises(RecordingError, match=r"sound\.mov: not a video: it has no picture stream"):
         open_recording(path)
 
 

@@ -72,8 +72,10 @@ def test_what_is_written_reads_back(tmp_path, image_format):
     frames.append(frame(3, camera=Camera(3, 2, 9.0, 9.0, 1.0, 0.5, (0.1, 0.0, 0.0, 0.0, 0.0))))
     frames += [frame(4, time_s=0.1), frame(5, time_s=0.1)]  # of the time of the one before
     write(tmp_path / "rec", frames, image_format=image_format, scene={"seed": 4})
-    for read, written in zip(open_recording(tmp_path / "rec"), frames, strict=True):
+    source = open_recording(tmp_path / "rec")
+    for read, written in zip(source, frames, strict=True):
         check_same(read, written)
+    np.testing.assert_allclose(source.times(), [written.time_s for written in frames], atol=1.5e-6)
 
 
 def test_layout_is_airsims(tmp_path):
