@@ -6,10 +6,11 @@ range is a ValueError that names the setting and the value.
 
 from dataclasses import MISSING, dataclass, field, fields
 from math import inf
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import numpy as np
 
+from deckline.checks import check_choice
 from deckline.config import Approach
 from deckline.haze import Triple
 
@@ -45,9 +46,8 @@ def _check_limits(config: Any, **limits: tuple[float, float]) -> None:
 def _check_choices(config: Any, **kinds: Any) -> None:
     """Refuse fields that their Literal does not name; None passes."""
     for name, kind in kinds.items():
-        value = getattr(config, name)
-        if value is not None and value not in get_args(kind):
-            raise ValueError(f"{name} must be one of {get_args(kind)}, got {value!r}")
+        if getattr(config, name) is not None:
+            check_choice(name, getattr(config, name), kind)
 
 
 @dataclass(frozen=True)

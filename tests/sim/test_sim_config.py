@@ -23,29 +23,29 @@ INF, NAN = float("inf"), float("nan")
 # Values out of range, and the limit or the choices that the error names.
 REFUSED = {
     SimConfig: [
-        *[("preset", "yacht", "'paper', 'cvn', "), ("trajectory", "loop", "'approach'"), ("frames", 0, "1 ")],
+        *[("preset", "yacht", "paper, cvn, "), ("trajectory", "loop", "approach"), ("frames", 0, "1 ")],
         *[("width", 0, "8192"), ("width", 8193, "8192"), ("seed", -1, "0 "), ("fov_deg", 180.0, "150")],
         *[("visibility_m", (500.0, 100.0), ""), ("visibility_m", (500.0, INF), "")],
         *[("range_m", (0.0, 100.0), ""), ("range_m", (100.0, 10001.0), "10000")],
         *[("start_m", 5.0, ""), ("start_m", INF, "10000"), ("elevation_deg", (5.0, 3.0), "45")],
     ],
     WeatherConfig: [
-        *[("time_of_day", "noon", "'day', 'dusk', 'night'"), ("sky", "green", "'clear'"), ("sea_state", 7, "6")],
+        *[("time_of_day", "noon", "day, dusk, night"), ("sky", "green", "clear"), ("sea_state", 7, "6")],
         *[("wind_m_s", -1.0, "40")],
     ],
     MotionConfig: [("sea_state", 6.5, "6"), ("ship_speed_m_s", -1.0, "30")],
     FlightConfig: [
         *[("glideslope_deg", 0.0, "1"), ("speed_m_s", 500.0, "150"), ("crosswind_m_s", 41.0, "40")],
-        *[("lateral_offset_m", NAN, "1000"), ("turbulence_m_s", -1.0, "10"), ("pointing", "down", "'ahead', 'runway'")],
+        *[("lateral_offset_m", NAN, "1000"), ("turbulence_m_s", -1.0, "10"), ("pointing", "down", "ahead, runway")],
     ],
     LensConfig: [("distortion", (0.1, 0.2), "5"), ("principal_offset_px", (NAN, 0.0), "2")],
     ExposureConfig: [("exposure_s", 2.0, "1"), ("rain_mm_h", -1.0, "500")],
     SensorConfig: [
-        *[("vignetting", 2.0, "1"), ("jpeg_quality", 101, "100"), ("tone", "hdr", "'gamma'")],
+        *[("vignetting", 2.0, "1"), ("jpeg_quality", 101, "100"), ("tone", "hdr", "gamma")],
         *[("white_balance", gains, "3") for gains in ((1.0, 0.0, 1.0), (NAN, 1.0, 1.0), (1.0, INF, 1.0))],
     ],
     AirConfig: [
-        *[("model", "mist", "'paper'"), ("scale_height_m", 39.0, "40"), ("patch_m", 0.0, "1")],
+        *[("model", "mist", "paper"), ("scale_height_m", 39.0, "40"), ("patch_m", 0.0, "1")],
         *[("patchiness", 1.0, r"0\.9")],
     ],
     DepthConfig: [("range_m", 0.0, ""), ("noise_m", -1.0, "0 "), ("dropout", 1.5, "1")],
