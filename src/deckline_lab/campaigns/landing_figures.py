@@ -81,12 +81,11 @@ def draw_statuses(answers: Sequence[Guidance]) -> str:
 
 def true_deviations(filmed: FilmedLanding) -> NDArray[np.float64]:
     """(N, 4) of the samples: time, s; distance to the ramp, right of the centre line, above the glideslope, m."""
-    deck, approach = filmed.scene.deck, filmed.scene.run.approach
-    rows = []
+    scene, rows = filmed.scene, []
     for sample in filmed.landing.samples:
         state = sample.state
-        found = deviations(deck, sample.time_s, state.world_from_body, np.array(state.velocity_m_s), approach)
-        slope_m = (found.distance_m + deck.touchdown_m) * approach.slope
+        found = deviations(scene, sample.time_s, state.world_from_body, np.array(state.velocity_m_s))
+        slope_m = (found.distance_m + scene.deck.touchdown_m) * scene.run.approach.slope
         rows.append((sample.time_s, found.distance_m, found.lateral_m, found.height_m - slope_m))
     return np.array(rows)
 

@@ -82,8 +82,7 @@ def fly_looks(scene: Surroundings, sight: Sight) -> list[dict[str, Any]]:
 
 def look_record(scene: Surroundings, moment: Moment, found: Guidance, detection: Detection | None) -> dict[str, Any]:
     """One look in plain values: status, errors against truth with 1-sigma and level, and the points of its lines."""
-    place = (moment.time_s, moment.world_from_body, moment.velocity_m_s)
-    exact = deviations(scene.deck, *place, scene.run.approach)
+    exact = deviations(scene, moment.time_s, moment.world_from_body, moment.velocity_m_s)
     ramp, _ = scene.deck.centre_line(moment.time_s)
     record: dict[str, Any] = {
         "time_s": moment.time_s,

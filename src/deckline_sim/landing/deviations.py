@@ -23,7 +23,7 @@ from deckline.types import (
     TrackState,
     Value,
 )
-from deckline_sim.landing.deck import Deck
+from deckline_sim.landing.surroundings import Surroundings
 
 Array = NDArray[np.float64]
 
@@ -54,25 +54,25 @@ class Deviations:
 
 
 def deviations(
-    deck: Deck, time_s: float, body: RigidTransform, velocity_m_s: Array, approach: Approach, steady: bool = False
+    scene: Surroundings, time_s: float, body: RigidTransform, velocity_m_s: Array, steady: bool = False
 ) -> Deviations:
     """Deviations of the aircraft's reference point at a time.
 
     Args:
-        deck: the ship.
+        scene: the landing's ship, and the aircraft's reference point.
         time_s: of the pose, s.
         body: pose in the world.
         velocity_m_s: (3,) of the aircraft in the world, m/s.
-        approach: the aircraft's reference point.
         steady: of the ship without roll, pitch and heave.
     """
+    deck = scene.deck
     ramp, touchdown = deck.centre_line(time_s, steady)
     x, y = touchdown[0] - ramp[0], touchdown[1] - ramp[1]
     length = hypot(x, y)
     x, y = x / length, y / length
     matrix = body.as_matrix()
     nose = matrix[:3, 0]
-    place = matrix[:3, 3] + matrix[:3, :3] @ np.array(approach.point_m)
+    place = matrix[:3, 3] + matrix[:3, :3] @ np.array(scene.run.approach.point_m)
     off, moving = place - touchdown, velocity_m_s - deck.velocity_m_s
     turn = atan2(nose[1], nose[0]) - atan2(y, x)
     return Deviations(

@@ -34,5 +34,4 @@ class ExactSight:
 
     def truth(self, moment: Moment) -> Deviations:
         """Where the aircraft is at the moment."""
-        scene = self.surroundings
-        return deviations(scene.deck, moment.time_s, moment.world_from_body, moment.velocity_m_s, scene.run.approach)
+        return deviations(self.surroundings, moment.time_s, moment.world_from_body, moment.velocity_m_s)

@@ -50,7 +50,7 @@ class GuidanceSight:
     def see(self, moment: Moment) -> Guidance:
         """Guidance of the moment with drawn errors."""
         approach = self.surroundings.run.approach
-        true = deviations(self.surroundings.deck, moment.time_s, moment.world_from_body, moment.velocity_m_s, approach)
+        true = deviations(self.surroundings, moment.time_s, moment.world_from_body, moment.velocity_m_s)
         self._advance(moment.time_s, true.distance_m / self.surroundings.config.visibility_m)
         status = STATUSES[self.status]
         if status is Status.NOT_SEEN:

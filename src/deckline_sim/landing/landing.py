@@ -284,8 +284,7 @@ class _Pass:
 
     def _truth(self, state: AircraftState, time_s: float) -> Deviations:
         """Where the hook truly is relative to the moving deck."""
-        velocity = np.array(state.velocity_m_s)
-        return deviations(self.scene.deck, time_s, state.world_from_body, velocity, self.scene.run.approach)
+        return deviations(self.scene, time_s, state.world_from_body, np.array(state.velocity_m_s))
 
     def _gust(self) -> tuple[float, float, float]:
         """Gusts and wake at the aircraft, world, m/s."""

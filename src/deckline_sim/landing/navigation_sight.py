@@ -44,7 +44,7 @@ class NavigationSight:
         ship = sensors.position_drift_m * drift(moment.time_s, sensors.drift_s, [scene.seed, SHIP])
         ship[2] = self.deck_error_m
         apart = RigidTransform.from_components(body.translation - ship, body.rotation)
-        found = deviations(scene.deck, moment.time_s, apart, moment.velocity_m_s, scene.run.approach, steady=True)
+        found = deviations(scene, moment.time_s, apart, moment.velocity_m_s, steady=True)
         return stated_guidance(moment.time_s, found, self.sigma, Status.OK, self.protection, scene.run.approach)
 
     def _sigma(self) -> Deviations:

@@ -92,7 +92,7 @@ def test_deviations_are_those_of_true_guidance(sea_state: float) -> None:
     scene = surroundings(replace(EXACT, sea_state=sea_state), 3)
     for time_s in (0.0, 2.5, 6.0):
         moment = moment_at(scene, time_s)
-        found = deviations(scene.deck, time_s, moment.world_from_body, moment.velocity_m_s, scene.run.approach)
+        found = deviations(scene, time_s, moment.world_from_body, moment.velocity_m_s)
         plain = (found.lateral_m, found.height_m, found.heading_rad, found.distance_m)
         np.testing.assert_allclose(plain, numbers(truth_at(scene, moment)), atol=1e-3)
 
@@ -101,7 +101,7 @@ def test_deviations_are_those_of_true_guidance(sea_state: float) -> None:
 def test_rates_are_the_differences_of_deviations(sea_state: float, swing_m_s: float) -> None:
     scene, step_s = surroundings(replace(EXACT, sea_state=sea_state), 3), 1e-3
     before, now, after = (
-        deviations(scene.deck, t, m.world_from_body, m.velocity_m_s, scene.run.approach)
+        deviations(scene, t, m.world_from_body, m.velocity_m_s)
         for t in (3.0 - step_s, 3.0, 3.0 + step_s)
         for m in [moment_at(scene, t)]
     )
