@@ -10,6 +10,7 @@ python scripts/fit_sights.py check LOOKS POINTS # compare on those kept apart
 import argparse
 import json
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import asdict
 from itertools import product
 from pathlib import Path
@@ -77,7 +78,7 @@ def rendered_flight(number: int) -> bytes:
     """The looks of one rendered approach."""
     ship, visibility_m, sea_state, time_of_day = RENDERED[number]
     config = landing_config(ship, visibility_m, sea_state, time_of_day, "good", RATE_HZ)
-    with RenderedSight(config, RENDERED_SEED + number) as sight:
+    with closing(RenderedSight(config, RENDERED_SEED + number)) as sight:
         looks = []
         for moment in approach_moments(sight.surroundings):
             found = sight.see(moment)
@@ -95,7 +96,7 @@ def flight_by_points(number: int) -> bytes:
     """The looks of one approach by points."""
     _, visibility_m, navigation, sea_state = BY_POINTS[number]
     config = landing_config("cvn", visibility_m, sea_state, "day", navigation, 10.0)
-    with PointSight(config, POINTS_SEED + number) as sight:
+    with closing(PointSight(config, POINTS_SEED + number)) as sight:
         return looks_json(sight.surroundings, fly_looks(sight.surroundings, sight))
 
 

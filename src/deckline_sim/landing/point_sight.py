@@ -1,7 +1,6 @@
 """Sight by points: detections drawn from a model, flown through localization, tracking and guidance."""
 
 from dataclasses import replace
-from typing import Self
 
 import numpy as np
 
@@ -41,12 +40,6 @@ class PointSight:
         self.rng = np.random.default_rng([seed, RANSAC])
         self.image_rgb = empty_picture(self.surroundings.camera)
         self.result: FrameResult | None = None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def close(self) -> None:
         """End the flight's threads."""

@@ -1,7 +1,6 @@
 """Sight by rendered pictures: the simulator's camera, the detector and the whole chain."""
 
 from dataclasses import replace
-from typing import Self
 
 import numpy as np
 
@@ -32,12 +31,6 @@ class RenderedSight:
         self.flight = Flight.from_config(self.surroundings.run)
         self.simulator = open_simulator(sim_config(self.surroundings), self.surroundings)
         self.result: FrameResult | None = None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def close(self) -> None:
         """Release the OpenGL context and end the flight's threads."""

@@ -1,5 +1,6 @@
 """Ways to see: exact models give the truth back, the same seed gives the same answers."""
 
+from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
@@ -112,7 +113,7 @@ def test_rates_are_the_differences_of_deviations(sea_state: float, swing_m_s: fl
 
 def test_exact_points_give_the_truth() -> None:
     config = replace(EXACT, sea_state=0.0)
-    with PointSight(config, 5, exact_detector()) as sight:
+    with closing(PointSight(config, 5, exact_detector())) as sight:
         for time_s in np.arange(0.0, 4.0, 0.1):
             moment = moment_at(sight.surroundings, float(time_s))
             found = sight.see(moment)
@@ -123,7 +124,7 @@ def test_exact_points_give_the_truth() -> None:
 
 def test_points_repeat_with_their_seed() -> None:
     def fly(seed: int) -> list[tuple[float, ...]]:
-        with PointSight(replace(EXACT, navigation="good"), seed) as sight:
+        with closing(PointSight(replace(EXACT, navigation="good"), seed)) as sight:
             moments = [moment_at(sight.surroundings, t) for t in (0.0, 0.1, 0.2, 0.3)]
             return [numbers(sight.see(moment)) for moment in moments]
 
@@ -133,19 +134,20 @@ def test_points_repeat_with_their_seed() -> None:
 
 def test_points_are_tracked_as_the_configuration_says() -> None:
     told = Tracking(coast_s=0.5, gate_sigma=3.0)
-    with PointSight(replace(EXACT, tracking=told), 5) as sight:
+    with closing(PointSight(replace(EXACT, tracking=told), 5)) as sight:
         assert sight.flight.config.tracking == replace(told, horizon_s=0.0, paint_s=0.0)
-    with PointSight(replace(EXACT, tracking=Tracking(enabled=False)), 5, exact_detector()) as sight:
+    with closing(PointSight(replace(EXACT, tracking=Tracking(enabled=False)), 5, exact_detector())) as sight:
         assert sight.see(moment_at(sight.surroundings, 0.0)).track is None
 
 
 def test_points_are_not_seen_through_thick_haze() -> None:
-    with PointSight(replace(EXACT, visibility_m=100.0), 5) as sight:
+    with closing(PointSight(replace(EXACT, visibility_m=100.0), 5)) as sight:
         assert sight.see(moment_at(sight.surroundings, 0.0)).status is Status.NOT_SEEN
 
 
 def test_picture_alone_has_no_pose() -> None:
-    with PointSight(replace(EXACT, guidance="picture", sea_state=0.0, navigation="good"), 5, exact_detector()) as sight:
+    config = replace(EXACT, guidance="picture", sea_state=0.0, navigation="good")
+    with closing(PointSight(config, 5, exact_detector())) as sight:
         found = [sight.see(moment_at(sight.surroundings, t)) for t in np.arange(0.0, 3.0, 0.1)][-1]
     assert found.pose_source is PoseSource.PICTURE
     assert sight.result is not None
@@ -239,7 +241,7 @@ def test_navigation_repeats_with_its_seed() -> None:
 
 def test_rendered_frames_have_the_mount_and_the_pose() -> None:
     camera = replace(EXACT.camera, width=320, height=180)
-    with RenderedSight(replace(EXACT, camera=camera, sight="rendered"), 5) as sight:
+    with closing(RenderedSight(replace(EXACT, camera=camera, sight="rendered"), 5)) as sight:
         moment = moment_at(sight.surroundings, 0.5)
         frame = sight.take(moment)
         same = sight.take(moment)
@@ -256,7 +258,7 @@ def test_rendered_frames_have_the_mount_and_the_pose() -> None:
 def datalink_offset(seed: int) -> tuple[np.ndarray, float, float]:
     """Error of the datalink's ramp, m, and of its heading, degrees, and the change of its width, m."""
     scene = surroundings(replace(EXACT, sea_state=0.0), seed)
-    with PointSight(scene.config, seed) as sight:
+    with closing(PointSight(scene.config, seed)) as sight:
         moment = moment_at(scene, 2.0)
         frame = measured_frame(scene, moment, empty_picture(scene.camera))
         prior = datalink_prior(scene, sight.flight, frame)
