@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deckline.geometry import Camera
-from deckline.recording import FrameError, Recording, open_recording
+from deckline.recording import BadFrame, FrameError, Recording, open_recording
 from deckline.recording.image_folder import ImageFolder
 from deckline.recording.images import read_image
 from deckline.recording.source import is_inside, parse_json, read_text
@@ -90,12 +90,9 @@ def open_pairs(
 
 def _has_clear(source: Recording) -> bool:
     """Recordings hold the clear picture of every frame or of none: the first readable frame decides."""
-    for index in range(len(source)):
-        try:
-            truth = source.load(index).truth
-        except FrameError:
-            continue
-        return truth is not None and truth.clear_rgb is not None
+    for frame in source.items():
+        if not isinstance(frame, BadFrame):
+            return frame.truth is not None and frame.truth.clear_rgb is not None
     return True
 
 

@@ -12,7 +12,7 @@ import tyro
 from deckline.config import RunConfig
 from deckline.flight import Flight, FrameResult
 from deckline.options import RunOptions
-from deckline.recording import FrameError, open_recording
+from deckline.recording import open_recording
 from deckline.report.bands import by_band
 from deckline.truth import range_to_ramp_m, true_guidance, true_width_m
 from deckline.types import Frame, Guidance, Reason, Status, Value
@@ -89,11 +89,7 @@ def score_recording(
     source = open_recording(path)
     base, flight, scores = options.run_config(source.base_config), None, []
     with ExitStack() as flights:
-        for index in range(len(source)):
-            try:
-                frame = source.load(index)
-            except FrameError:
-                continue
+        for frame in source:
             if frame.truth is None:
                 raise ValueError(f"{path}: frames without truth; record with deckline sim")
             truth, width_m = true_guidance(frame, base.approach), true_width_m(frame.truth)

@@ -21,6 +21,7 @@ from deckline_lab.train.line_views import LineView
 from deckline_lab.train.view_sets import Views
 from deckline_sim.camera.foreground import draw_foreground, lay_over
 from deckline_sim.camera.phone import phone_picture
+from deckline_sim.camera.sensor import jpeg
 
 # Grey levels between an edge line and what it lies on: white paint on a dark deck, asphalt beside grass, a lamp.
 EDGE_CONTRAST = {EdgeKind.PAINT: 100.0, EdgeKind.PAVEMENT: 40.0, EdgeKind.LIGHTS: 100.0}
@@ -343,8 +344,7 @@ def compress(image: NDArray[np.float32], scale: float) -> NDArray[np.float32]:
     """The image after JPEG with `scale` times the standard's quantisation tables: 1 is libjpeg's quality 50."""
     quality = round(100 - 50 * scale if scale < 1 else 50 / scale)
     levels = np.clip(np.rint(image), 0, 255).astype(np.uint8)
-    _, coded = cv2.imencode(".jpg", levels[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
-    return np.asarray(cv2.imdecode(coded, cv2.IMREAD_COLOR), np.float32)[..., ::-1]
+    return jpeg(levels, quality).astype(np.float32)
 
 
 def degrade(
