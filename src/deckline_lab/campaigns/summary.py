@@ -2,13 +2,13 @@
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from deckline.config_file import settings_from_json, settings_to_json
+from deckline.config_file import settings_from_json
 from deckline.files import parse_plain, read_regular
 from deckline_lab.campaigns.plan import CampaignPlan, Settings
 from deckline_lab.campaigns.runner import shard_files
@@ -146,11 +146,6 @@ def summarise_group(
     return CellSummary(
         settings, len(landings), effective, shares, _touchdown(landings), median_m, ok_landings=len(seen)
     )
-
-
-def summary_json(cells: Sequence[CellSummary]) -> dict[str, Any]:
-    """The cells as JSON values."""
-    return {"cells": [settings_to_json(asdict(cell)) for cell in cells]}
 
 
 def summary_tables(cells: Sequence[CellSummary], weighted: bool) -> list[Table]:

@@ -1,11 +1,13 @@
 """`deckline campaign`."""
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 
 import tyro
 
 from deckline.atomic import write_atomic
+from deckline.config_file import settings_to_json
 from deckline.files import print_line, printable
 from deckline_lab.campaigns.agreement import (
     DIFFERING,
@@ -26,7 +28,6 @@ from deckline_lab.campaigns.summary import (
     FlownLanding,
     read_landings,
     summarise,
-    summary_json,
     summary_tables,
 )
 from deckline_lab.evaluation.tables import made_with, print_tables
@@ -67,7 +68,7 @@ def campaign(
         differing = differing_settings(flown, other[0])
         notes += [NOTE, *([f"{DIFFERING}{'; '.join(differing)}."] if differing else [])]
     print_tables(title, made_with(), tables, notes)
-    summary = {"title": title, "made_with": made_with(), **summary_json(cells)}
+    summary = {"title": title, "made_with": made_with(), "cells": [settings_to_json(asdict(cell)) for cell in cells]}
     write_atomic(out / SUMMARY_FILE, (json.dumps(summary, indent=1, allow_nan=False) + "\n").encode())
     print(printable(out / SUMMARY_FILE))
     filmed: list[tuple[FlownLanding, Path]] = []

@@ -98,11 +98,6 @@ def _code() -> str:
     return hashlib.sha256(b"".join(path.read_bytes() for path in sorted(files))).hexdigest()
 
 
-def size_of(dehazer: Dehazer) -> tuple[int, int] | None:
-    """Parameters and multiply-accumulates at 256x256; None where there are none, or nobody counted."""
-    return dehazer.cost if isinstance(dehazer, OnnxDehazer) else None
-
-
 class SharedDehazer:
     """A dehazer that caches the last frame's result for the next method that shares it."""
 

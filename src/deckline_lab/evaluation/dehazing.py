@@ -11,7 +11,7 @@ import tyro
 from deckline import __version__
 from deckline.checks import check_numbers
 from deckline.config import Models
-from deckline.dehaze import NOT_DEHAZED, Dehazer, restore
+from deckline.dehaze import NOT_DEHAZED, Dehazer, OnnxDehazer, restore
 from deckline.flight import Flight
 from deckline.recording import FrameError
 from deckline.report.draw import check_picture_name, write_picture
@@ -26,7 +26,6 @@ from deckline_lab.evaluation.dehazers import (
     measure_costs,
     model_of,
     shown_name,
-    size_of,
 )
 from deckline_lab.evaluation.dehazing_pairs import Pair, PairSource, open_pairs
 from deckline_lab.evaluation.dehazing_score import (
@@ -152,7 +151,7 @@ def dehazing(config: Annotated[DehazingConfig, tyro.conf.arg(name="")]) -> int:
         reference=bench.reference,
         summaries=summarise(scores, bench.reference),
         film=summarise_film(scores, bench.reference),
-        sizes={name: size_of(dehazer) for name, dehazer in bench.dehazers.items()},
+        sizes={n: each.cost if isinstance(each, OnnxDehazer) else None for n, each in bench.dehazers.items()},
         costs=costs,
         cost_size_px=config.cost_size,
         failed=failed,

@@ -1,11 +1,8 @@
 """The rows of `deckline eval localization`: which chain each is, and how they share what they have in common."""
 
-import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
-
-import numpy as np
 
 from deckline.config import Models, RunConfig
 from deckline.dehaze import NOT_DEHAZED
@@ -122,8 +119,3 @@ def point_bench(methods: list[Method], noise: PointNoise) -> LocalizationBench:
     settings: dict[str, Any] = {"points": asdict(noise)}
     settings |= {method.name: settings_of(start(method)) for method in methods}
     return LocalizationBench(start, settings, noise.correlation)
-
-
-def point_rng(file: str) -> np.random.Generator:
-    """RANSAC's draws of one frame."""
-    return np.random.default_rng(zlib.crc32(file.encode()))

@@ -1,5 +1,6 @@
 """How far one frame's lines are from the truth: as the paper counts (Table 6), and as a pilot does."""
 
+import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -20,7 +21,7 @@ from deckline.truth import (
 from deckline.types import SIDES, Detection, Frame, PoseSource, RunwayLine, Segment
 from deckline_lab.evaluation.approaches import Sighting
 from deckline_lab.evaluation.cramer_rao import cramer_rao
-from deckline_lab.evaluation.localization_methods import LocalizationBench, Method, point_rng
+from deckline_lab.evaluation.localization_methods import LocalizationBench, Method
 from deckline_lab.evaluation.pilot_errors import move_with_pose, normalise_error, pilot_figures
 from deckline_lab.evaluation.tables import Figures
 from deckline_lab.evaluation.visible_distance import is_right
@@ -51,7 +52,8 @@ def score_approach(
         scores = []
         detected: dict[tuple[RunConfig, bool], Detection] = {}
         for method in methods:
-            rng, key = None if modelled is None else point_rng(frame.file), (method.config, method.exact_pose)
+            rng = None if modelled is None else np.random.default_rng(zlib.crc32(frame.file.encode()))  # of RANSAC
+            key = method.config, method.exact_pose
             seen = replace(frame, world_from_body=frame.true_world_from_body) if method.exact_pose else frame
             result = flights[method.name](seen, detection=modelled or detected.get(key), rng=rng)
             if not method.tracked:
