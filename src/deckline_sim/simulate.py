@@ -30,10 +30,9 @@ from deckline_sim.scene.render import Renderer
 from deckline_sim.scene.view import BEST, RenderQuality, RenderScene, random_quality
 from deckline_sim.scene.weather import Weather, random_time_of_day, random_weather, sun_direction
 from deckline_sim.ship.background import BackgroundKind, background_mesh
-from deckline_sim.ship.layout import Layout, random_layout
+from deckline_sim.ship.layout import Layout, random_layout, truth_segments
 from deckline_sim.ship.mesh import join
 from deckline_sim.ship.ship import NO_RUNWAY, Ship, build_ship
-from deckline_sim.ship.truth import truth_segments
 
 if TYPE_CHECKING:
     from deckline_sim.airfield.simulator import AirfieldSimulator

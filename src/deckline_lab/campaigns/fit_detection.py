@@ -25,7 +25,7 @@ from deckline_sim.landing.detection_model import (
 )
 from deckline_sim.landing.modelled_detector import OUTWARD, latent_mean, visible_ends
 from deckline_sim.landing.surroundings import Surroundings
-from deckline_sim.ship.truth import truth_segments
+from deckline_sim.ship.layout import truth_segments
 
 Array = NDArray[np.float64]
 FALSE_M = 2.0  # distance of a line's points from the true line from which it is another one

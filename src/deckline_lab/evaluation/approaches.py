@@ -200,9 +200,8 @@ def fly_points(config: "SimConfig", sensors: Sensors, noise: PointNoise) -> Iter
         from deckline_sim.config import draw_visibility
         from deckline_sim.flight.approach import approach_view
         from deckline_sim.flight.viewpoints import draw_motion, ship_pose
-        from deckline_sim.ship.layout import class_layout
+        from deckline_sim.ship.layout import class_layout, truth_segments
         from deckline_sim.ship.ship_class import load_class
-        from deckline_sim.ship.truth import truth_segments
     layout = class_layout(load_class(config.preset))
     motion = draw_motion(config.motion, False, np.random.default_rng([config.seed, MOTION]))
     visibility_m = draw_visibility(config.visibility_m, np.random.default_rng([config.seed, AIR]))

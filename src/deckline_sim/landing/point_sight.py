@@ -12,7 +12,7 @@ from deckline_sim.landing.detection_model import DetectionModel, read_detection_
 from deckline_sim.landing.modelled_detector import ModelledDetector, point_flight
 from deckline_sim.landing.sight import Moment
 from deckline_sim.landing.surroundings import empty_picture, measured_frame, surroundings
-from deckline_sim.ship.truth import truth_segments
+from deckline_sim.ship.layout import truth_segments
 
 DETECTIONS, RANSAC = 64, 65  # random streams
 

@@ -19,9 +19,8 @@ from deckline_sim.landing.aircraft import AIRCRAFT_TYPES
 from deckline_sim.landing.config import LandingConfig
 from deckline_sim.landing.deck import Deck
 from deckline_sim.landing.sight import Moment
-from deckline_sim.ship.layout import Layout, class_layout
+from deckline_sim.ship.layout import Layout, class_layout, truth_segments
 from deckline_sim.ship.ship_class import load_class
-from deckline_sim.ship.truth import truth_segments
 
 MOUNT_DOWN_DEG = 7.5  # of the camera's axis below the body's: incidence of 4 degrees and a path of 3.5; our choice
 DATALINK_SIGMA_M = 5.0  # 1-sigma of the ship's place as its datalink reports it, deck motion included; our choice

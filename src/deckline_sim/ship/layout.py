@@ -13,6 +13,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from deckline.types import Segment
 from deckline_sim.ship.mesh import Array, Mesh
 from deckline_sim.ship.paint_shapes import axes
 from deckline_sim.ship.ship_class import Point, ShipClass, Strip, WorldLines, load_class
@@ -90,6 +91,12 @@ class Layout:
 def world_points(layout: Layout, points_m: Array, up_m: float = 0.0) -> Array:
     """Deck points (N, 2) of the ship frame, raised by `up`, in the world (N, 3)."""
     return layout.world_from_ship.apply(np.column_stack([points_m, np.full(len(points_m), -up_m)]))
+
+
+def truth_segments(layout: Layout) -> tuple[Segment, Segment]:
+    """Middle of the left and of the right edge marking in the world, ramp end first."""
+    left, right = world_points(layout, layout.left_m), world_points(layout, layout.right_m)
+    return Segment(left[0], left[1]), Segment(right[0], right[1])
 
 
 def class_layout(ship: ShipClass) -> Layout:

@@ -20,7 +20,7 @@ from deckline_sim.landing.guidance_sight import GuidanceSight
 from deckline_sim.landing.modelled_detector import ModelledDetector, latent_mean
 from deckline_sim.landing.navigation_sight import NavigationSight
 from deckline_sim.landing.surroundings import surroundings
-from deckline_sim.ship.truth import truth_segments
+from deckline_sim.ship.layout import truth_segments
 
 CONFIG = LandingConfig(start_m=400.0, visibility_m=900.0, camera=LandingCamera(rate_hz=5.0), sea_state=0.0)
 
