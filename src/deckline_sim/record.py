@@ -1,6 +1,5 @@
 """`deckline sim`: frames rendered over processes, into an AirSim-layout recording or a contact sheet."""
 
-import math
 import os
 import shlex
 import sys
@@ -106,32 +105,6 @@ class ContactSheetConfig:
 
     def __post_init__(self) -> None:
         check_numbers(self, "sheet", least=1, most=LARGEST_PX)
-
-
-def parse_visibility(text: str) -> tuple[float, float]:
-    """'clear' -> (inf, inf); '800' -> (800, 800); '300..3000' -> (300, 3000). Metres at 2 % contrast.
-
-    Raises:
-        ValueError: anything else, or a range that is empty or not positive.
-    """
-    if text == "clear":
-        return math.inf, math.inf
-    low, _, high = text.partition("..")
-    try:
-        bounds = float(low), float(high or low)
-    except ValueError:
-        raise ValueError(f"visibility must be metres, LOW..HIGH or clear, got {text!r}") from None
-    if not 0 < bounds[0] <= bounds[1]:
-        raise ValueError(f"visibility needs 0 < LOW <= HIGH, got {text!r}")
-    return bounds
-
-
-def visibility_text(visibility_m: tuple[float, float]) -> str:
-    """What `parse_visibility` reads back."""
-    if math.isinf(visibility_m[0]):
-        return "clear"
-    low, high = (str(value).removesuffix(".0") for value in visibility_m)
-    return low if low == high else f"{low}..{high}"
 
 
 def simulate(config: SimConfig, out: Path, image_format: ImageFormat = "png", jobs: Jobs = 1) -> None:

@@ -16,6 +16,8 @@ from deckline_sim.config import (
     NavigationConfig,
     SensorConfig,
     WeatherConfig,
+    parse_visibility,
+    visibility_text,
 )
 from deckline_sim.record import ContactSheetConfig
 
@@ -79,3 +81,18 @@ def test_settings_that_contradict_each_other_are_named(make, named):
 
 def test_training_may_have_physical_air():
     assert SimConfig(preset="train", air=AirConfig(patchiness=0.5)).air.patchiness == 0.5
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [("clear", (INF, INF)), ("800", (800.0, 800.0)), ("300..3000", (300.0, 3000.0))],
+)
+def test_visibility_is_one_value_a_range_or_clear(text, expected):
+    assert parse_visibility(text) == expected
+    assert visibility_text(expected) == text
+
+
+@pytest.mark.parametrize("text", ["", "fog", "3000..300", "0", "-5..10", "nan"])
+def test_other_visibilities_are_refused_by_name(text):
+    with pytest.raises(ValueError, match=f"visibility .* got {text!r}"):
+        parse_visibility(text)

@@ -22,30 +22,9 @@ from deckline.types import Frame, Segment, Truth
 from deckline_sim import SimConfig
 from deckline_sim.cli import RECORDING, SHEET
 from deckline_sim.config import DepthConfig, WeatherConfig
-from deckline_sim.record import (
-    frame_settings,
-    make_tile,
-    parse_visibility,
-    repeatable_command,
-    visibility_text,
-)
+from deckline_sim.record import frame_settings, make_tile, repeatable_command
 
 SIM = ["sim", "--frames", "3", "--preset", "cvn", "--visibility", "400..900", "--width", "160", "--height", "90"]
-
-
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [("clear", (math.inf, math.inf)), ("800", (800.0, 800.0)), ("300..3000", (300.0, 3000.0))],
-)
-def test_visibility_is_one_value_a_range_or_clear(text, expected):
-    assert parse_visibility(text) == expected
-    assert visibility_text(expected) == text
-
-
-@pytest.mark.parametrize("text", ["", "fog", "3000..300", "0", "-5..10", "nan"])
-def test_other_visibilities_are_refused_by_name(text):
-    with pytest.raises(ValueError, match=f"visibility .* got {text!r}"):
-        parse_visibility(text)
 
 
 def test_sim_given_again_writes_nothing_new_and_other_settings_are_refused(tmp_path, capsys):

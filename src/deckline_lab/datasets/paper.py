@@ -31,9 +31,9 @@ from deckline.recording.writer import EncodedFrame, encode_frame
 from deckline.runtime import sha256_of
 from deckline.types import Frame
 from deckline_lab.datasets.tiles import tile_corners
-from deckline_sim.config import DepthConfig, SimConfig, Trajectory, WeatherConfig
+from deckline_sim.config import DepthConfig, SimConfig, Trajectory, WeatherConfig, parse_visibility
 from deckline_sim.processes import Jobs, map_ordered
-from deckline_sim.record import Item, map_frames, parse_visibility, show_progress
+from deckline_sim.record import Item, map_frames, show_progress
 from deckline_sim.scene.gl import open_context
 
 MANIFEST = "manifest.json"

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import cv2
 import numpy as np
@@ -20,15 +20,23 @@ from scipy.spatial.transform import RigidTransform
 from deckline.checks import check_numbers
 from deckline.config import GRADES, RunConfig, Sensors
 from deckline.config_file import read_config
-from deckline.extras import needs_extra
 from deckline.geometry import Camera
 from deckline.options import RunOptions
 from deckline.types import Detection, Frame, LinePoints, Segment, Truth
-from deckline_sim.camera.measure import miscalibrate, navigation_unit
+from deckline_sim.camera.measure import measure_pose, miscalibrate, navigation_unit
+from deckline_sim.config import (
+    DepthConfig,
+    FlightConfig,
+    MotionConfig,
+    SimConfig,
+    draw_visibility,
+    parse_visibility,
+)
+from deckline_sim.flight.approach import approach_view
+from deckline_sim.flight.viewpoints import draw_motion, ship_pose
 from deckline_sim.landing.modelled_detector import correlated_noise
-
-if TYPE_CHECKING:
-    from deckline_sim import SimConfig
+from deckline_sim.ship.layout import class_layout, truth_segments
+from deckline_sim.ship.ship_class import load_class
 
 DEPTH_RANGE_M = 200.0  # of the depth camera; the simulator's default
 DEPTH_PATCH_PX = 2.0  # neighbouring depths err together, as those of a matching window do; our choice
@@ -110,12 +118,8 @@ class FlightsConfig:
         """The modelled detector."""
         return PointNoise() if self.noise is None else read_config(PointNoise, self.noise)
 
-    def approach(self, number: int) -> "SimConfig":
-        """What the simulator is asked for; a ValueError where it refuses, an ImportError without the sim extra."""
-        with needs_extra("sim"):
-            from deckline_sim import SimConfig
-            from deckline_sim.config import DepthConfig, FlightConfig, MotionConfig
-            from deckline_sim.record import parse_visibility
+    def approach(self, number: int) -> SimConfig:
+        """What the simulator is asked for; a ValueError where it refuses."""
         sensors, wanted = self.run.sensors, self.run.approach
         return SimConfig(
             preset=self.preset,
@@ -138,8 +142,8 @@ class FlightsConfig:
 
 def fly(config: FlightsConfig, approach: int) -> Iterator[Frame]:
     """The frames of one approach as its sensors have them; an OSError without OpenGL through EGL."""
-    with needs_extra("sim"):
-        from deckline_sim.simulate import ShipSimulator
+    from deckline_sim.simulate import ShipSimulator  # needs OpenGL
+
     rendered = config.approach(approach)
     with ShipSimulator(rendered) as simulator:
         for index in range(config.frames):
@@ -190,18 +194,11 @@ class Sighting(NamedTuple):
     detection: Detection | None = None
 
 
-def fly_points(config: "SimConfig", sensors: Sensors, noise: PointNoise) -> Iterator[Sighting]:
+def fly_points(config: SimConfig, sensors: Sensors, noise: PointNoise) -> Iterator[Sighting]:
     """Every frame of an approach with the modelled detector's points; its sensors err as in rendered flights.
 
     The picture is grain, another in every frame, as a camera's is.
     """
-    with needs_extra("sim"):
-        from deckline_sim.camera.measure import measure_pose
-        from deckline_sim.config import draw_visibility
-        from deckline_sim.flight.approach import approach_view
-        from deckline_sim.flight.viewpoints import draw_motion, ship_pose
-        from deckline_sim.ship.layout import class_layout, truth_segments
-        from deckline_sim.ship.ship_class import load_class
     layout = class_layout(load_class(config.preset))
     motion = draw_motion(config.motion, False, np.random.default_rng([config.seed, MOTION]))
     visibility_m = draw_visibility(config.visibility_m, np.random.default_rng([config.seed, AIR]))

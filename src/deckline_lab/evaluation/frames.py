@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 
 from deckline.checks import check_numbers
 from deckline.config import RunConfig
-from deckline.extras import needs_extra
 from deckline.files import print_line
 from deckline.recording import FrameError, open_recording
 from deckline.recording.airsim import RECORD_FILE
@@ -19,6 +18,7 @@ from deckline.types import Frame
 from deckline_lab.evaluation.detection_truth import ExpectedLines, expected_from_labels, expected_from_truth
 from deckline_lab.evaluation.store import Store
 from deckline_lab.labels import LABELS_FILE, Labels, read_labels
+from deckline_sim.config import SimConfig, parse_visibility
 from deckline_sim.progress import progress
 
 FRAMES, DECKLESS = 200, 100  # rendered when no source is given
@@ -113,10 +113,10 @@ class Recorded(FrameSet):
 
 
 class Rendered(FrameSet):
-    """Fresh frames of the simulator: a `deckline_sim.SimConfig` of random views, or of views without a runway."""
+    """Fresh frames of the simulator: random views, or views without a runway."""
 
-    def __init__(self, config: Any) -> None:
-        from deckline_sim.record import frame_settings
+    def __init__(self, config: SimConfig) -> None:
+        from deckline_sim.record import frame_settings  # needs OpenGL
 
         self._config, self._deckless = config, config.trajectory == "deckless"
         self._simulator: Any = None
@@ -196,9 +196,6 @@ class RenderOptions:
         sets = open_recorded(sources)
         if not frames and not deckless:
             return sets
-        with needs_extra("sim"):
-            from deckline_sim import SimConfig
-            from deckline_sim.record import parse_visibility
         shared: dict[str, Any] = {
             "visibility_m": parse_visibility(self.visibility),
             "keep_clear": keep_clear,

@@ -8,7 +8,6 @@ from typing import Any
 import cv2
 import numpy as np
 
-from deckline.extras import needs_extra
 from deckline.truth import true_segments
 from deckline.types import SIDES, Frame, Segment
 from deckline_lab.evaluation.approaches import Sighting
@@ -23,6 +22,8 @@ from deckline_lab.evaluation.integrity_sensors import (
     each_frame,
     offset_line,
 )
+from deckline_sim.config import ExposureConfig
+from deckline_sim.scene.view import Rendering
 
 ROLL_DEG = (5.0, 15.0)  # of a picture, either way
 NIGHT = 0.04  # of the light
@@ -76,11 +77,9 @@ def darken(rng: np.random.Generator) -> Step:
 
 def rain(rng: np.random.Generator) -> Step:
     """Streaks of falling rain and drops on the lens, as the simulator exposes them; the air stays as it is."""
-    with needs_extra("sim"):
-        from deckline_sim.camera.exposure import ExposurePass, draw_exposure
-        from deckline_sim.config import ExposureConfig
-        from deckline_sim.scene.gl import open_context
-        from deckline_sim.scene.view import Rendering
+    from deckline_sim.camera.exposure import ExposurePass, draw_exposure  # needs OpenGL
+    from deckline_sim.scene.gl import open_context
+
     config = ExposureConfig(rain_mm_h=float(rng.uniform(*RAIN_MM_H)), lens_drops=int(rng.integers(*LENS_DROPS)))
     seed = int(rng.integers(2**31))
     context = open_context()

@@ -16,12 +16,12 @@ from deckline.detect.joined import FrameStack, view_joined
 from deckline.detect.motion import DeckMotion
 from deckline.detect.prior import project_prior
 from deckline.detect.search import CropView
-from deckline.extras import needs_extra
 from deckline.haze import beta_from_visibility, blend_airlight, transmission
 from deckline.types import SIDES, Frame, RunwayPrior
 from deckline_lab.evaluation.metrics import distance_px
 from deckline_lab.evaluation.tables import TO_TERMINAL, Figures, Output, Table, number, publish
 from deckline_lab.evaluation.visible_distance import RIGHT_PX
+from deckline_sim.config import DepthConfig, MotionConfig, SensorConfig, SimConfig
 
 SPAN_M = 35.0  # flown from the first to the last frame of an approach
 SIZE = (640, 360)  # of the pictures, px: the middle of 1280x720 px of 90 degrees
@@ -100,10 +100,8 @@ def joined(
 
 def _render(seed: int, frames: int, sea_state: float, range_m: float) -> list[Frame]:
     """An approach with its clear pictures and the depth of every pixel, without noise."""
-    with needs_extra("sim"):
-        from deckline_sim import SimConfig
-        from deckline_sim.config import DepthConfig, MotionConfig, SensorConfig
-        from deckline_sim.simulate import ShipSimulator
+    from deckline_sim.simulate import ShipSimulator  # needs OpenGL
+
     config = SimConfig(
         preset="cvn",
         frames=frames,
