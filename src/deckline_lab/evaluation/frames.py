@@ -138,7 +138,7 @@ class Rendered(FrameSet):
 
     def close(self) -> None:
         if self._simulator is not None:
-            self._simulator.__exit__(None, None, None)
+            self._simulator.close()
             self._simulator = None
 
 

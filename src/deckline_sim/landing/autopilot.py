@@ -53,7 +53,7 @@ class WaveOff(StrEnum):
 
 
 @dataclass(frozen=True)
-class Deviations:
+class Reckoning:
     """What guidance says of one moment, moved on to now."""
 
     lateral_m: float
@@ -131,7 +131,7 @@ class Autopilot:
         """Whether an answer of the picture was `ok` a short time ago."""
         return self._ok is not None and time_s - self._ok.time_s <= PATIENCE_S
 
-    def deviations(self, state: AircraftState, time_s: float) -> Deviations | None:
+    def reckon(self, state: AircraftState, time_s: float) -> Reckoning | None:
         """Where the aircraft is now; None before any guidance."""
         guidance, then = self.flown, self._at_exposure
         if guidance is None or then is None:
@@ -148,11 +148,11 @@ class Autopilot:
         gained = -faster[2] - deck * late
         height = _number(guidance.vertical_deviation_m) + (sinking + gained / 2) * late
         to_go = _number(guidance.distance_to_touchdown_m) - closing * late
-        return Deviations(lateral, side + to_right, height, climb + gained, deck, to_go, closing)
+        return Reckoning(lateral, side + to_right, height, climb + gained, deck, to_go, closing)
 
     def fly(self, state: AircraftState, time_s: float) -> Controls:
         """Controls for the next step."""
-        found = self.deviations(state, time_s)
+        found = self.reckon(state, time_s)
         if self.wave_off is None:
             self.wave_off = self._find_reason(found, state, time_s)
         if self.wave_off is not None:
@@ -164,7 +164,7 @@ class Autopilot:
         coming = found.height_rate_m_s - LEAD_S * found.deck_m_s2
         return self._control(state, (wanted - coming) / speed, _bank(found))
 
-    def _find_reason(self, found: Deviations | None, state: AircraftState, time_s: float) -> WaveOff | None:
+    def _find_reason(self, found: Reckoning | None, state: AircraftState, time_s: float) -> WaveOff | None:
         """Why the pass must be broken off now; None: it need not."""
         if found is None:
             return WaveOff.NOT_SEEN if self._reckon_to_go(state, time_s) < DECISION_M else None
@@ -229,7 +229,7 @@ def _is_within(
     return all(abs(off) <= limit for off, limit in zip((lateral_m, height_m), largest, strict=True))
 
 
-def _bank(found: Deviations) -> float:
+def _bank(found: Reckoning) -> float:
     """Bank that closes the lateral deviation, rad."""
     wanted = -(LATERAL_RAD_S**2) * found.lateral_m - 2 * LATERAL_DAMPING * LATERAL_RAD_S * found.lateral_rate_m_s
     return _limit(math.atan(wanted / GRAVITY_M_S2), MOST_BANK_RAD)

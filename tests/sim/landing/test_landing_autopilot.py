@@ -33,7 +33,7 @@ def test_a_flagged_answer_is_never_followed(status):
     pilot.hear(first, TRIM, is_of_picture=True)
     pilot.hear(answer(status, replace(PLACE, lateral_m=9.0), 0.1).with_flag(FLAG), TRIM, is_of_picture=True)
     assert pilot.flown is first
-    assert pilot.deviations(TRIM, 0.1).lateral_m == pytest.approx(2.0)
+    assert pilot.reckon(TRIM, 0.1).lateral_m == pytest.approx(2.0)
 
 
 def test_a_late_answer_moves_on_along_the_centre_line():
@@ -48,7 +48,7 @@ def test_a_late_answer_moves_on_along_the_centre_line():
         velocity_m_s=(north + along - across, east + along + across, down + 1.0),
     )
     pilot.hear(answer(place=replace(PLACE, heading_rad=0.05)), then, is_of_picture=True)
-    found = pilot.deviations(now, 0.2)
+    found = pilot.reckon(now, 0.2)
     assert found.lateral_rate_m_s == pytest.approx(2.0)
     assert found.lateral_m == pytest.approx(2.0 + 0.2 * 2.0 / 2)
     assert found.height_rate_m_s == pytest.approx(-4.0)
@@ -59,7 +59,7 @@ def test_a_deck_that_gathers_speed_upwards_is_met_earlier():
     level, rising, path = autopilot(), autopilot(), replace(PLACE, height_m=34.2)  # 0.06 of 570 m
     level.hear(answer(place=path), TRIM, is_of_picture=True)
     rising.hear(answer(place=replace(path, deck_acceleration_m_s2=1.0)), TRIM, is_of_picture=True)
-    before, found = (pilot.deviations(TRIM, 0.2) for pilot in (level, rising))
+    before, found = (pilot.reckon(TRIM, 0.2) for pilot in (level, rising))
     assert found.height_rate_m_s - before.height_rate_m_s == pytest.approx(-0.2)
     assert found.height_m - before.height_m == pytest.approx(-0.02)
     assert rising.fly(TRIM, 0.2).elevator < level.fly(TRIM, 0.2).elevator
