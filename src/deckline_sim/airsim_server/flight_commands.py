@@ -161,7 +161,7 @@ async def move_by_velocity(
             vertical = towards(np.array([0.0, 0.0, down - body.position[2]]), MOST_M_S)[2] if at_z else down
             return np.array([*level, vertical])
 
-        return VehicleCommand(steer, lambda body: False, yaw, duration, timed=True)
+        return VehicleCommand(steer, yaw=yaw, timeout_s=duration, timed=True)
 
     return await fly(service.world, make)
 
@@ -192,7 +192,7 @@ async def move_by_attitude(
         across = body.velocity[:2] + (lean_of(attitude(roll, pitch, body.yaw)) - drag) / FOLLOW_PER_S
         return np.array([*across, towards(np.array([0.0, 0.0, z - body.position[2]]), MOST_M_S)[2]])
 
-    return await fly(service.world, lambda body: VehicleCommand(steer, lambda body: False, turn, duration, timed=True))
+    return await fly(service.world, lambda body: VehicleCommand(steer, yaw=turn, timeout_s=duration, timed=True))
 
 
 async def rotate_to_yaw(
@@ -213,9 +213,7 @@ async def rotate_to_yaw(
 async def rotate_by_yaw_rate(service: Service, yaw_rate: float, duration: float, vehicle: str = "") -> bool:
     yaw = Yaw(value=math.radians(read_number(yaw_rate, "yaw_rate", -MOST_DEG, MOST_DEG)))
     duration = read_timeout(duration)
-    return await fly(
-        service.world, lambda body: VehicleCommand(hold(body), lambda body: False, yaw, duration, timed=True)
-    )
+    return await fly(service.world, lambda body: VehicleCommand(hold(body), yaw=yaw, timeout_s=duration, timed=True))
 
 
 def climb(body: Vehicle, timeout_s: float) -> VehicleCommand:

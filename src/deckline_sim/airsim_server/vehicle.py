@@ -52,7 +52,7 @@ class VehicleCommand:
     """A flight command: the velocity it demands, and when it is done."""
 
     steer: Callable[["Vehicle"], Vector]
-    is_done: Callable[["Vehicle"], bool]
+    is_done: Callable[["Vehicle"], bool] = lambda body: False
     yaw: Yaw = NO_TURN
     timeout_s: float = math.inf
     timed: bool = False  # lasts as long as its timeout, and has then succeeded
