@@ -137,6 +137,10 @@ class RunOptions:
         return config
 
 
+FlightOptions = Annotated[RunOptions, tyro.conf.arg(name="")]  # as a command's parameter: options without a prefix
+DEFAULTS = RunOptions()
+
+
 def read_run_config(path: Path, base: RunConfig | None = None) -> RunConfig:
     """A configuration from a TOML file; `sensors.grade` names the numbers that the rest of that table overrides.
 

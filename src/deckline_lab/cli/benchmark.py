@@ -3,16 +3,16 @@
 import tempfile
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import tyro
 
-from deckline.cli.run import DEFAULTS, unpack_sample
+from deckline.cli.run import unpack_sample
 from deckline.config import Engine
 from deckline.detect import Detector, OnnxDetector
 from deckline.flight import Flight
 from deckline.live.pipeline import live_config
-from deckline.options import RunOptions
+from deckline.options import DEFAULTS, FlightOptions
 from deckline.recording import open_recording, select_frames
 from deckline.runtime import describe_processor
 from deckline_lab.evaluation import stage_timing as measure
@@ -27,7 +27,7 @@ def benchmark(
     start: float = 0.0,
     duration: float | None = None,
     peer: Path | None = None,
-    options: Annotated[RunOptions, tyro.conf.arg(name="")] = DEFAULTS,
+    options: FlightOptions = DEFAULTS,
 ) -> int:
     """Measure how long every stage takes on this machine, and how late live answers are.
 

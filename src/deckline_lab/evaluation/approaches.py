@@ -9,11 +9,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import cv2
 import numpy as np
-import tyro
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
@@ -21,7 +20,7 @@ from deckline.checks import check_numbers
 from deckline.config import GRADES, RunConfig, Sensors
 from deckline.config_file import read_config
 from deckline.geometry import Camera
-from deckline.options import RunOptions
+from deckline.options import FlightOptions, RunOptions
 from deckline.types import Detection, Frame, LinePoints, Segment, Truth
 from deckline_sim.camera.measure import measure_pose, miscalibrate, navigation_unit
 from deckline_sim.config import (
@@ -101,7 +100,7 @@ class FlightsConfig:
     fov_deg: float = 90.0
     speed_m_s: float = 65.0
     noise: Path | None = None
-    options: Annotated[RunOptions, tyro.conf.arg(name="")] = field(default_factory=RunOptions)
+    options: FlightOptions = field(default_factory=RunOptions)
 
     def __post_init__(self) -> None:
         check_numbers(self, "", "frames", least=2)

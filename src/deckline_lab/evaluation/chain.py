@@ -4,7 +4,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 import tyro
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from deckline.config import Approach, Models, RunConfig
 from deckline.dehaze import dehaze_frame
 from deckline.flight import Flight, FrameResult
-from deckline.options import RunOptions
+from deckline.options import DEFAULTS, FlightOptions
 from deckline.recording import open_recording
 from deckline.report.bands import RANGE_M, by_band, share
 from deckline.report.provenance import settings_of
@@ -34,8 +34,6 @@ from deckline_lab.evaluation.tables import (
 from deckline_lab.rivals.catalog import flight_from_config
 from deckline_lab.statistics import VISIBILITY_M
 
-FlightOptions = Annotated[RunOptions, tyro.conf.arg(name="")]
-DEFAULTS = RunOptions()
 MEANS = ("psnr", "ssim", "seconds")  # figures that are averaged; of the others median and 95 % are given
 BAND_COLUMNS = {
     "found": "found_rate",

@@ -4,14 +4,14 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
 import tyro
 
 from deckline.config import RunConfig
 from deckline.flight import Flight, FrameResult
-from deckline.options import RunOptions
+from deckline.options import DEFAULTS, FlightOptions, RunOptions
 from deckline.recording import open_recording
 from deckline.report.bands import by_band
 from deckline.truth import range_to_ramp_m, true_guidance, true_width_m
@@ -24,8 +24,6 @@ BANDS_M = (0.0, 150.0, 300.0, 800.0, np.inf)  # to the ramp: errors grow with it
 NORMAL_95 = 1.96
 QUANTITIES = ("heading, deg", "lateral, m", "height, m", "distance, m")
 ERRORS = 51  # random stream
-FlightOptions = Annotated[RunOptions, tyro.conf.arg(name="")]
-DEFAULTS = RunOptions()
 
 
 @dataclass(frozen=True)
