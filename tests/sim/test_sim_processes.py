@@ -1,4 +1,4 @@
-"""One process pool: order, cores, errors."""
+"""One process pool: order, cores, errors; who works."""
 
 import os
 import struct
@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from deckline_sim.processes import map_ordered, process_count
+from deckline_sim.processes import RayCluster, map_ordered, process_count
+from deckline_sim.workers import choose_workers
 
 
 def square(number: int) -> tuple[int, list[int], int]:
@@ -64,3 +65,13 @@ def test_how_many():
     assert process_count(0) == len(os.sched_getaffinity(0))
     with pytest.raises(ValueError, match=r"jobs.*-2"):
         process_count(-2)
+
+
+def test_workers():
+    assert choose_workers(None, 3) == 3
+    assert choose_workers((), 0) == RayCluster("")
+    assert choose_workers(("head:6379",), 0) == RayCluster("head:6379")
+    with pytest.raises(ValueError, match="a b"):
+        choose_workers(("a", "b"), 0)
+    with pytest.raises(ValueError, match=r"jobs.*-1"):
+        choose_workers((), -1)

@@ -8,8 +8,7 @@ import pytest
 from deckline.cli.main import main
 from deckline_lab.cli import campaign
 from deckline_sim.landing.touchdown import Outcome
-from deckline_sim.processes import RayCluster
-from deckline_sim.workers import choose_workers
+from lab.campaigns.stand_in import Flown
 
 PLAN = """
 landings = 6
@@ -21,12 +20,6 @@ sea_state = [2, 4]
 """
 
 
-class Flown:
-    def record(self):
-        nothing = dict.fromkeys(("beyond_aim_m", "right_m", "sink_m_s", "first_ok_m"))
-        return {"outcome": str(Outcome.WAVE_OFF), "called_for": True, "misleading": 0, **nothing}
-
-
 @pytest.fixture
 def plan(tmp_path):
     path = tmp_path / "fog.toml"
@@ -34,10 +27,15 @@ def plan(tmp_path):
     return path
 
 
-def test_a_campaign_writes_summary_and_report(tmp_path, plan, monkeypatch, capsys):
+@pytest.fixture
+def not_flown(monkeypatch):
+    """Every landing is a wave-off that had to be."""
     pytest.importorskip("matplotlib")
-    monkeypatch.setattr(campaign, "fly_landing", lambda config, seed: Flown())
+    monkeypatch.setattr(campaign, "fly_landing", lambda config, seed: Flown(Outcome.WAVE_OFF, called_for=True))
     monkeypatch.setattr(campaign, "check_landing", lambda config: None)
+
+
+def test_a_campaign_writes_summary_and_report(tmp_path, plan, not_flown, capsys):
     out = tmp_path / "out"
     assert main(["campaign", str(plan), "--out", str(out), "--jobs", "1"]) == 0
     cells = json.loads((out / "summary.json").read_text())["cells"]
@@ -50,12 +48,9 @@ def test_a_campaign_writes_summary_and_report(tmp_path, plan, monkeypatch, capsy
 
 
 @pytest.fixture
-def filmed(monkeypatch):
+def filmed(not_flown, monkeypatch):
     """Configuration and seed of each landing that is filmed; none is flown."""
-    pytest.importorskip("matplotlib")
     films, found = pytest.importorskip("deckline_lab.campaigns.filmed"), []
-    monkeypatch.setattr(campaign, "fly_landing", lambda config, seed: Flown())
-    monkeypatch.setattr(campaign, "check_landing", lambda config: None)
     monkeypatch.setattr(films, "fly_filmed", lambda config, seed: found.append((config, seed)))
     monkeypatch.setattr(films, "make_film", lambda landing: b"film")
     return found
@@ -87,13 +82,3 @@ def test_one_line_for_a_plan_that_cannot_be_flown(tmp_path, plan, capsys, key, w
     (line,) = capsys.readouterr().err.splitlines()
     assert word in line
     assert not (tmp_path / "out").exists()
-
-
-def test_workers():
-    assert choose_workers(None, 3) == 3
-    assert choose_workers((), 0) == RayCluster("")
-    assert choose_workers(("head:6379",), 0) == RayCluster("head:6379")
-    with pytest.raises(ValueError, match="a b"):
-        choose_workers(("a", "b"), 0)
-    with pytest.raises(ValueError, match=r"jobs.*-1"):
-        choose_workers((), -1)
