@@ -14,6 +14,8 @@ from deckline.config_file import read_config
 from deckline.extras import needs_extra
 from deckline_lab.labels.lines import LABELS_FILE
 
+SAVED = Path(__file__).parent / "saved"
+
 
 def make_data(runs: Path) -> Path:
     """`runs`/data, the paper's dataset: a test and a training part; `deckline dataset` goes on where it stopped."""

@@ -21,7 +21,7 @@ from deckline_lab.evaluation.localization_tables import (
 )
 from deckline_lab.evaluation.tables import Table, read_saved
 from deckline_lab.reproduce import figures, line_figures, runs, table4, table5, table6
-from deckline_lab.reproduce.command import SAVED
+from deckline_lab.reproduce.runs import SAVED
 from deckline_lab.reproduce.table6 import with_paper_6
 
 SMALL = table4.RECIPE.replace("256", "48").replace("held_out = 0.02", "held_out = 0.2\nsteps = 2")
