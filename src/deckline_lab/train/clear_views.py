@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
+from deckline.dehaze.tensors import average_down, image_to_tensor, reduction_factor, tensor_to_image
 from deckline.geometry import Camera
 from deckline.types import Frame
 
@@ -70,13 +71,6 @@ def shrink(image_rgb: NDArray[np.uint8], long_side_px: int | None) -> tuple[NDAr
     """
     if long_side_px is None:
         return image_rgb, 1
-    from deckline.dehaze.tensors import (  # no detector's
-        average_down,
-        image_to_tensor,
-        reduction_factor,
-        tensor_to_image,
-    )
-
     height, width = image_rgb.shape[:2]
     factor = reduction_factor(height, width, long_side_px)
     if factor == 1:

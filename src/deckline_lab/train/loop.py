@@ -24,13 +24,8 @@ from deckline_lab.train.curves import HELD_OUT, Curves
 RECIPE_FILE = "recipe.toml"
 SMOOTHING = 0.98  # of the printed losses
 RATE = "rate"  # of a group of parameters, relative to the recipe's
-MACHINE = (
-    "threads",
-    "device",
-    "bf16",
-    "checkpoint_minutes",
-    "tensorboard",
-)  # settings of a recipe that a resumed run may change
+# Settings of a recipe that a resumed run may change.
+MACHINE = ("threads", "device", "bf16", "checkpoint_minutes", "tensorboard")
 BUDGET = ("steps", "minutes", "cpu_minutes")
 CURVE_ROWS, CURVE_HELD_OUT = 100, 10  # of a training: points of the losses, and measurements on held-out batches
 HELD_OUT_BATCHES = 4
@@ -232,7 +227,7 @@ def held_out_figures(
 ) -> dict[str, float]:
     """Mean loss and figures of the averaged weights, {} without batches; the run is left as it was."""
     weights = {name: value.clone() for name, value in run.model.state_dict().items()}
-    with torch.random.fork_rng(enabled=True):
+    with torch.random.fork_rng():
         run.model.load_state_dict(run.ema)
         measured = [figures(batch) for batch in batches]  # first: a loss moves the running means of norms
         rows = [{"": float(loss(x, fraction)[0]), **row} for x, row in zip(batches, measured, strict=True)]
