@@ -15,17 +15,9 @@ from deckline.config_file import config_from_table, read_config, to_toml_text
 from deckline.recording.writer import ImageFormat
 from deckline_sim import CLEAR, SimConfig
 from deckline_sim.airsim_server.rpc_server import ServeConfig, serve_sim
-from deckline_sim.config import (
-    AirModel,
-    DepthConfig,
-    Preset,
-    Sky,
-    TimeOfDay,
-    Trajectory,
-    parse_visibility,
-    visibility_text,
-)
+from deckline_sim.config import AirModel, DepthConfig, Preset, Sky, TimeOfDay, Trajectory
 from deckline_sim.record import ContactSheetConfig, simulate, write_contact_sheet
+from deckline_sim.visibility import parse_visibility, visibility_text
 from deckline_sim.workers import RayOption, choose_workers
 
 SIM_HELP = """\

@@ -12,7 +12,7 @@ from deckline_sim.camera.foreground import add_foreground
 from deckline_sim.camera.imaging import Imaging, Shot, Surroundings
 from deckline_sim.camera.lens import pinhole_for, random_lens
 from deckline_sim.camera.measure import measure_pose
-from deckline_sim.config import DRAWN, ImagingConfig, SimConfig, WeatherConfig, draw_visibility
+from deckline_sim.config import DRAWN, ImagingConfig, SimConfig, WeatherConfig
 from deckline_sim.flight.approach import approach_view
 from deckline_sim.flight.viewpoints import (
     ShipMotion,
@@ -33,6 +33,7 @@ from deckline_sim.ship.background import BackgroundKind, background_mesh
 from deckline_sim.ship.layout import Layout, random_layout, truth_segments
 from deckline_sim.ship.mesh import join
 from deckline_sim.ship.ship import NO_RUNWAY, Ship, build_ship
+from deckline_sim.visibility import draw_visibility
 
 if TYPE_CHECKING:
     from deckline_sim.airfield.simulator import AirfieldSimulator

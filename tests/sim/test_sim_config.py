@@ -16,10 +16,9 @@ from deckline_sim.config import (
     NavigationConfig,
     SensorConfig,
     WeatherConfig,
-    parse_visibility,
-    visibility_text,
 )
 from deckline_sim.record import ContactSheetConfig
+from deckline_sim.visibility import parse_visibility, visibility_text
 
 INF, NAN = float("inf"), float("nan")
 # Values out of range, and the limit or the choices that the error names.

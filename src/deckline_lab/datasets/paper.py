@@ -31,10 +31,11 @@ from deckline.recording.writer import EncodedFrame, encode_frame
 from deckline.runtime import sha256_of
 from deckline.types import Frame
 from deckline_lab.datasets.tiles import tile_corners
-from deckline_sim.config import DepthConfig, SimConfig, Trajectory, WeatherConfig, parse_visibility
+from deckline_sim.config import DepthConfig, SimConfig, Trajectory, WeatherConfig
 from deckline_sim.processes import Jobs, map_ordered
 from deckline_sim.record import Item, map_frames, show_progress
 from deckline_sim.scene.gl import open_context
+from deckline_sim.visibility import parse_visibility
 
 MANIFEST = "manifest.json"
 # A pair as its files hold it; a tile: folder and suffix with {} for the frame's number, and the file.

@@ -23,19 +23,13 @@ from deckline.geometry import Camera
 from deckline.options import FlightOptions, RunOptions
 from deckline.types import Detection, Frame, LinePoints, Segment, Truth
 from deckline_sim.camera.measure import measure_pose, miscalibrate, navigation_unit
-from deckline_sim.config import (
-    DepthConfig,
-    FlightConfig,
-    MotionConfig,
-    SimConfig,
-    draw_visibility,
-    parse_visibility,
-)
+from deckline_sim.config import DepthConfig, FlightConfig, MotionConfig, SimConfig
 from deckline_sim.flight.approach import approach_view
 from deckline_sim.flight.viewpoints import draw_motion, ship_pose
 from deckline_sim.landing.modelled_detector import correlated_noise
 from deckline_sim.ship.layout import class_layout, truth_segments
 from deckline_sim.ship.ship_class import load_class
+from deckline_sim.visibility import draw_visibility, parse_visibility
 
 DEPTH_RANGE_M = 200.0  # of the depth camera; the simulator's default
 DEPTH_PATCH_PX = 2.0  # neighbouring depths err together, as those of a matching window do; our choice

@@ -18,8 +18,9 @@ from deckline.types import Frame
 from deckline_lab.evaluation.detection_truth import ExpectedLines, expected_from_labels, expected_from_truth
 from deckline_lab.evaluation.store import Store
 from deckline_lab.labels import LABELS_FILE, Labels, read_labels
-from deckline_sim.config import SimConfig, parse_visibility
+from deckline_sim.config import SimConfig
 from deckline_sim.progress import progress
+from deckline_sim.visibility import parse_visibility
 
 FRAMES, DECKLESS = 200, 100  # rendered when no source is given
 NAMED = 6  # sets whose names are all printed

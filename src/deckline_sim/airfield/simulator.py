@@ -18,7 +18,8 @@ from deckline_sim.airfield.pad import draw_pad
 from deckline_sim.airfield.picture import AirfieldPicture, draw_airfield, make_textures
 from deckline_sim.camera.foreground import add_foreground
 from deckline_sim.camera.measure import measure_depth
-from deckline_sim.config import SimConfig, draw_visibility
+from deckline_sim.config import SimConfig
+from deckline_sim.visibility import draw_visibility
 
 FRAME, TEXTURES = 3, 8  # random streams
 MOST_PHOTOGRAPHS = 200  # whose pieces are textures

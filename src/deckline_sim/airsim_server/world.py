@@ -23,13 +23,14 @@ from deckline_sim.airsim_server.surface_normals import draw_normals, surface_nor
 from deckline_sim.airsim_server.vehicle import Vehicle
 from deckline_sim.camera.lens import random_lens
 from deckline_sim.camera.measure import measure_depth
-from deckline_sim.config import SimConfig, draw_visibility
+from deckline_sim.config import SimConfig
 from deckline_sim.flight.approach import approach_view
 from deckline_sim.flight.viewpoints import Viewpoint, ship_pose, steady_velocity
 from deckline_sim.scene.view import RenderQuality, RenderScene
 from deckline_sim.scene.weather import Weather, random_weather
 from deckline_sim.ship.layout import edge_distance
 from deckline_sim.simulate import FLIGHT, FRAME, Scenery, ShipSimulator
+from deckline_sim.visibility import draw_visibility
 
 FOG_VISIBILITY_M = 50.0  # visibility at 2 % contrast that Fog 1 makes of clear air: dense fog
 RAIN_MM_H = 50.0  # of Rain 1: violent rain begins there (Met Office)
