@@ -66,8 +66,8 @@ class Robot:
         assert self.node.on_configure(None) == "success"
         assert self.node.on_activate(None) == "success"
 
-    def state_camera(self):
-        info = camera_values(CAMERA)
+    def state_camera(self, **changes):
+        info = camera_values(CAMERA) | changes
         self.send("camera_info", make("sensor_msgs/msg/CameraInfo", header=header(1.0, OPTICAL), **info))
 
     def state_mount(self):
@@ -84,8 +84,12 @@ class Robot:
         values = {"header": header(time_s, WORLD), "child_frame_id": body, "pose": pose}
         self.send("odom", make("nav_msgs/msg/Odometry", **values))
 
-    def fly(self, pose_offset_s=0.0, picture_offset_s=0.0):
-        """Four pictures among eight poses; their clocks may be ahead."""
+    def fly(self, pose_offset_s=0.0, picture_offset_s=0.0, is_mounted=True):
+        """The guidance of four pictures among eight poses; their clocks may be ahead."""
+        self.start()
+        self.state_camera()
+        if is_mounted:
+            self.state_mount()
         for index in range(2 * COUNT):
             shown, time_s = replace(frame(index, 150.0 - index), body_from_camera=MOUNT), time.time()
             self.send_pose(shown, time_s + pose_offset_s)
@@ -93,6 +97,7 @@ class Robot:
                 self.send("image", picture_of(shown, time_s - 0.05 + picture_offset_s))
             time.sleep(0.15)
         time.sleep(0.5)
+        return self.read("/deckline/guidance")
 
     def read(self, topic):
         kinds = {publisher.sent is self.node.sent[topic]: publisher.kind for publisher in self.node.publishers_}
@@ -119,12 +124,7 @@ def robot(ros):
 
 
 def test_pictures_poses_and_the_static_mount_become_guidance(robot):
-    robot.start()
-    robot.state_camera()
-    robot.state_mount()
-    robot.fly()
-    guided = [one for one in robot.read("/deckline/guidance") if not math.isnan(one.lateral_deviation_m.value)]
-    last = guided[-1]
+    last = [one for one in robot.fly() if not math.isnan(one.lateral_deviation_m.value)][-1]
     assert last.lateral_deviation_m.value == pytest.approx(LATERAL_M, abs=1.0)  # of a few rough pixels
     assert last.height_above_deck_m.value == pytest.approx(HEIGHT_M, abs=3.0)
     assert last.lateral_deviation_m.sigma > 0 and math.isnan(last.lateral_deviation_widths.value)
@@ -138,11 +138,7 @@ def test_pictures_poses_and_the_static_mount_become_guidance(robot):
 def test_the_offset_of_the_poses_clock_is_applied(robot, tmp_path):
     with (tmp_path / "deck.toml").open("a") as file:
         file.write("[navigation]\noffset_s = 40.0\n")
-    robot.start()
-    robot.state_camera()
-    robot.state_mount()
-    robot.fly(pose_offset_s=40.0)
-    last = robot.read("/deckline/guidance")[-1]
+    last = robot.fly(pose_offset_s=40.0)[-1]
     assert last.pose_source == PoseSource.NAVIGATION
     assert last.lateral_deviation_m.value == pytest.approx(LATERAL_M, abs=1.0)
 
@@ -181,10 +177,7 @@ def test_tf_has_the_deck_alone_and_on_request(robot, asked, edges):
 
 def test_a_camera_without_a_mount_is_refused_with_its_frame(robot):
     robot.node.values["stale_s"] = 0.3
-    robot.start()
-    robot.state_camera()
-    robot.fly()
-    sent = robot.read("/deckline/guidance")
+    sent = robot.fly(is_mounted=False)
     assert {one.status for one in sent} == {code(Status.STALE)}
     assert OPTICAL in sent[-1].reason and "/tf_static" in sent[-1].reason
 
@@ -193,19 +186,13 @@ def test_a_camera_without_a_mount_is_refused_with_its_frame(robot):
 def test_the_projection_of_camera_info_counts_for_rectified_pictures_alone(robot, topic, scale):
     robot.node.resolve_topic_name = lambda name: topic
     robot.start()
-    info = camera_values(CAMERA)
-    info["p"] = (np.diag([0.5, 0.5, 1.0]) @ np.reshape(info["p"], (3, 4))).ravel()
-    robot.send("camera_info", make("sensor_msgs/msg/CameraInfo", header=header(1.0, OPTICAL), **info))
+    robot.state_camera(p=(np.diag([0.5, 0.5, 1.0]) @ np.reshape(camera_values(CAMERA)["p"], (3, 4))).ravel())
     assert robot.node._camera.camera.fx == pytest.approx(scale * CAMERA.fx)
 
 
 def test_pictures_and_poses_from_the_future_are_refused(robot):
     robot.node.values["stale_s"] = 0.3
-    robot.start()
-    robot.state_camera()
-    robot.state_mount()
-    robot.fly(pose_offset_s=5.0, picture_offset_s=5.0)  # a wrong clock of the whole robot
-    sent = robot.read("/deckline/guidance")
+    sent = robot.fly(pose_offset_s=5.0, picture_offset_s=5.0)  # a wrong clock of the whole robot
     assert {one.status for one in sent} == {code(Status.STALE)}
     assert "in the future" in sent[-1].reason
     late = [line for line in robot.node.lines if "in the future" in line]
@@ -215,11 +202,7 @@ def test_pictures_and_poses_from_the_future_are_refused(robot):
 
 def test_pictures_from_the_past_are_stale(robot):
     robot.node.values["stale_s"] = 3.0
-    robot.start()
-    robot.state_camera()
-    robot.state_mount()
-    robot.fly(pose_offset_s=-60.0, picture_offset_s=-60.0)
-    sent = robot.read("/deckline/guidance")
+    sent = robot.fly(pose_offset_s=-60.0, picture_offset_s=-60.0)
     assert {one.status for one in sent} == {code(Status.STALE)}
 
 
@@ -240,19 +223,20 @@ def test_transitions_start_and_end_what_is_sent(robot):
     assert "image/compressed" in robot.node.taken and "image" not in robot.node.taken
 
 
-@pytest.mark.parametrize(("name", "value"), [("image_transport", "theora"), ("config", "nowhere.toml")])
-def test_a_parameter_that_cannot_be_used_is_one_line(robot, name, value):
-    robot.node.values[name] = value
-    assert robot.node.on_configure(None) == "failure"
-    assert len(robot.node.lines) == 1 and str(value) in robot.node.lines[0]
-    assert robot.node.taken == {} and robot.node.publishers_ == []
-
-
-def test_two_sources_of_poses_are_refused(robot):
-    robot.node.values |= {"pose": "/mavros/local_position/pose", "odom": "/odom"}
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"image_transport": "theora"},
+        {"config": "nowhere.toml"},
+        {"pose": "/mavros/local_position/pose", "odom": "/odom"},
+    ],
+)
+def test_parameters_that_cannot_be_used_are_one_line(robot, values):
+    """Two sources of poses cannot either."""
+    robot.node.values |= values
     assert robot.node.on_configure(None) == "failure"
     (line,) = robot.node.lines
-    assert "'/mavros/local_position/pose'" in line and "'/odom'" in line
+    assert all(value in line for value in values.values())
     assert robot.node.taken == {} and robot.node.publishers_ == []
 
 
