@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from runway_picture import CAMERA, LEVEL, Place, Runway, belief_of, frame_at, line_of, pose_of
-from scipy.spatial.transform import Rotation
 
 from deckline.picture_pose.answer import estimate_of, in_widths, lines_of, track_of, with_pose
 from deckline.picture_pose.states import CLOSING_M_S, line_rows, shared_sigmas
@@ -92,14 +91,11 @@ def test_widths_are_metres_over_the_width(width):
     estimate = estimate_of(RunwayEstimate(LineVisibility.BOTH, DepthMode.NONE, {}, {}), belief, True, LEVEL)
     scaled_frame, scaled_estimate, scaled = in_widths(frame, estimate, followed, width)
     assert scaled_frame.in_widths
-    np.testing.assert_allclose(
-        width * scaled_frame.world_from_body.translation, frame.world_from_body.translation, atol=1e-12
-    )
-    np.testing.assert_allclose(
-        width * scaled_frame.world_from_camera.translation, frame.world_from_camera.translation, atol=1e-12
-    )
-    turn: Rotation = scaled_frame.world_from_body.rotation * frame.world_from_body.rotation.inv()
-    assert turn.magnitude() == pytest.approx(0.0, abs=1e-12)
+    for name in ("world_from_body", "world_from_camera"):
+        scaled_pose, pose = (getattr(one, name) for one in (scaled_frame, frame))
+        np.testing.assert_allclose(width * scaled_pose.translation, pose.translation, atol=1e-12)
+        np.testing.assert_allclose(scaled_pose.rotation.as_matrix(), pose.rotation.as_matrix(), atol=1e-12)
+    assert in_widths(frame_at(0.0), estimate, followed, width)[0].world_from_body is None
     for side, line in followed.lines.items():
         np.testing.assert_allclose(width * scaled.lines[side].point_m, line.point_m)
         sigma, unit = np.sqrt(np.diag(line.covariance)), np.sqrt(np.diag(scaled.lines[side].covariance))
@@ -108,10 +104,3 @@ def test_widths_are_metres_over_the_width(width):
     assert scaled.ramp_sigma_m == scaled_estimate.ramp_sigma_m == pytest.approx(followed.ramp_sigma_m / width)
     for name in ("protection", "closing_m_s", "lateral_rate_m_s", "height_rate_m_s"):
         assert getattr(scaled, name) is None
-
-
-def test_a_frame_without_a_pose_has_none_in_widths():
-    belief = sure_belief()
-    estimate = RunwayEstimate(LineVisibility.NONE, DepthMode.NONE, {}, {})
-    frame, _, _ = in_widths(frame_at(0.0), estimate, track(belief=belief), 20.0)
-    assert frame.world_from_body is None

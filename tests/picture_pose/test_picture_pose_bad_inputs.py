@@ -13,6 +13,7 @@ from runway_picture import (
     FLIGHT,
     IN_WIDTHS,
     LEVEL,
+    LEVEL_RUNWAY,
     MOUNT,
     RATE_HZ,
     Follower,
@@ -49,12 +50,21 @@ def picture_at(time_s):
 
 @pytest.fixture
 def run(monkeypatch):
-    """Results of a flight through the chain: what is detected and where the horizon is, by time."""
+    """Results of a flight through the chain for so many seconds.
 
-    def results(detect, horizon, times, config=LEVEL):
-        Follower(config, monkeypatch, horizon)
+    Of the place and the true camera by time, a runway, and what becomes of what is seen; `shown`: another place by time
+    whose lines are detected.
+    """
+
+    def results(place, end_s, config=LEVEL, *, camera=lambda _: CAMERA, runway=LEVEL_RUNWAY, change=None, shown=None):
+        rng, shown = np.random.default_rng(0), shown or place
+        Follower(config, monkeypatch, lambda t: horizon_of(place(t), camera(t)))
+        found = []
         with Flight(config, DEHAZERS["none"](), lambda picture, box: None) as flight:
-            return [flight(picture_at(time_s), detection=detect(time_s)) for time_s in times]
+            for t in seconds(0.0, end_s):
+                seen = see(shown(t), runway, camera(t), rng=None if change else rng)
+                found.append(flight(picture_at(t), detection=change(seen) if change else seen))
+        return found
 
     return results
 
@@ -83,18 +93,11 @@ def assert_no_metres(results):
         assert (found.vertical_deviation_m, found.closing_m_s, found.height_rate_m_s) == (None, None, None)
 
 
-def test_a_nominal_flight_is_verified_and_stays_so(run):
-    shown = {
-        seed: run(
-            lambda t, seed=seed: see(fly(seed=seed)(t), rng=np.random.default_rng([seed, round(10 * t)])),
-            lambda t, seed=seed: horizon_of(fly(seed=seed)(t), rng=np.random.default_rng([seed, round(10 * t), 1])),
-            seconds(0.0, 4.0),
-        )
-        for seed in range(2)
-    }
-    for seed, results in shown.items():
-        assert_honest(results, fly(seed=seed))
-        assert all(result.guidance.status is Status.OK for result in results[15:])
+@pytest.mark.parametrize("seed", range(2))
+def test_a_nominal_flight_is_verified_and_stays_so(run, seed):
+    results = run(fly(seed=seed), 4.0)
+    assert_honest(results, fly(seed=seed))
+    assert all(result.guidance.status is Status.OK for result in results[15:])
 
 
 def turned_over(detection):
@@ -124,7 +127,7 @@ def side_by_side(detection):
 @pytest.mark.parametrize("config", [LEVEL, IN_WIDTHS], ids=["width", "no width"])
 @pytest.mark.parametrize("change", [turned_over, staircase, side_by_side])
 def test_lines_that_no_runway_ahead_has_give_no_pose(run, change, config):
-    results = run(lambda t: change(see(FLIGHT(t))), lambda t: horizon_of(FLIGHT(t)), seconds(0.0, 1.5), config)
+    results = run(FLIGHT, 1.5, config, change=change)
     assert set(statuses(results)) <= {Status.UNVERIFIED, Status.NOT_SEEN}
     assert all(result.frame.world_from_body is None and result.guidance.in_widths is None for result in results)
     assert_no_metres(results)
@@ -139,7 +142,7 @@ def test_lines_that_no_runway_ahead_has_give_no_pose(run, change, config):
     ids=["ground", "beside"],
 )
 def test_a_camera_on_the_ground_or_beside_gives_no_pose(run, place):
-    results = run(lambda _: see(place), lambda _: horizon_of(place), seconds(0.0, 1.0))
+    results = run(lambda _: place, 1.0)
     assert_no_metres(results)
     assert all(result.frame.world_from_body is None for result in results)
 
@@ -151,8 +154,7 @@ def drive(time_s):
 
 @pytest.mark.parametrize("config", [LEVEL, IN_WIDTHS], ids=["width", "no width"])
 def test_a_road_is_never_verified(run, config):
-    rng, road = np.random.default_rng(0), Runway(3.5, length_m=400.0)
-    results = run(lambda t: see(drive(t), road, rng=rng), lambda t: horizon_of(drive(t)), seconds(0.0, 3.0), config)
+    results = run(drive, 3.0, config, runway=Runway(3.5, length_m=400.0))
     assert set(statuses(results)) == {Status.UNVERIFIED}
     assert Reason.NO_RAMP in reasons(results[-1].track.doubts)
     if config is IN_WIDTHS:
@@ -162,14 +164,12 @@ def test_a_road_is_never_verified(run, config):
 
 @pytest.mark.parametrize("share", [2, 3])
 def test_two_runways_in_turn_are_never_verified(run, share):
-    rng = np.random.default_rng(0)
-
-    def detect(time_s):
+    def shown(time_s):
         place = FLIGHT(time_s)
         other = replace(place, heading=place.heading - 0.15, lateral_m=place.lateral_m + 20.0)
-        return see(other if round(10 * time_s) % share else place, rng=rng)
+        return other if round(10 * time_s) % share else place
 
-    results = run(detect, lambda t: horizon_of(FLIGHT(t)), seconds(0.0, 4.0))
+    results = run(FLIGHT, 4.0, shown=shown)
     assert set(statuses(results)) <= SILENT
     assert Reason.OTHER_LINES in reasons(results[-1].track.doubts)
 
@@ -182,42 +182,32 @@ def zoomed(time_s, times):
 
 @pytest.mark.parametrize("times", [1.5, 2.0, 0.67])
 def test_a_zoom_in_flight_is_flagged_from_then_on(run, times):
-    rng = np.random.default_rng(0)
-    results = run(
-        lambda t: see(FLIGHT(t), camera=zoomed(t, times), rng=rng),
-        lambda t: horizon_of(FLIGHT(t), zoomed(t, times)),
-        seconds(0.0, 5.0),
-    )
+    results = run(FLIGHT, 5.0, camera=lambda t: zoomed(t, times))
     assert_honest(results, FLIGHT)
     assert results[19].guidance.status is Status.OK
     assert all(result.guidance.status in SILENT for result in results[30:])
 
 
-def test_a_stabilised_video_is_never_verified_beyond_its_levels(run):
+@pytest.mark.parametrize("seed", range(2))
+def test_a_stabilised_video_is_never_verified_beyond_its_levels(run, seed):
     """Its picture is shifted by 2 % of its width from frame to frame, smoothly."""
-    for seed in range(2):
-        shift = gaussian_filter1d(np.random.default_rng(seed).normal(size=(2, 60)), 3, axis=1)
-        shift *= 0.02 * CAMERA.width / np.abs(np.diff(shift, axis=1)).mean()
-        rng = np.random.default_rng(0)
+    shift = gaussian_filter1d(np.random.default_rng(seed).normal(size=(2, 60)), 3, axis=1)
+    shift *= 0.02 * CAMERA.width / np.abs(np.diff(shift, axis=1)).mean()
 
-        def camera(time_s, shift=shift):
-            u, v = shift[:, round(10 * time_s)]
-            return replace(CAMERA, cx=CAMERA.cx + u, cy=CAMERA.cy + v)
+    def camera(time_s):
+        u, v = shift[:, round(10 * time_s)]
+        return replace(CAMERA, cx=CAMERA.cx + u, cy=CAMERA.cy + v)
 
-        def detect(time_s, camera=camera, rng=rng):
-            return see(FLIGHT(time_s), camera=camera(time_s), rng=rng)
-
-        results = run(detect, lambda t, camera=camera: horizon_of(FLIGHT(t), camera(t)), seconds(0.0, 5.0))
-        assert_honest(results, FLIGHT)
-        assert all(result.guidance.status in SILENT for result in results[10:])
+    results = run(FLIGHT, 5.0, camera=camera)
+    assert_honest(results, FLIGHT)
+    assert all(result.guidance.status in SILENT for result in results[10:])
 
 
 def test_after_a_jump_cut_the_new_view_is_measured(run):
     def place(time_s):
         return FLIGHT(time_s) if time_s < 2.0 else fly(180.0, seed=3)(time_s - 1.5)
 
-    rng = np.random.default_rng(0)
-    results = run(lambda t: see(place(t), rng=rng), lambda t: horizon_of(place(t)), seconds(0.0, 5.0))
+    results = run(place, 5.0)
     assert_honest(results, place)
     assert all(result.guidance.status in SILENT for result in results[20:25])
 

@@ -153,6 +153,9 @@ def refusal(sights, horizon=None, mount=CAMERA_MOUNT, config=LEVEL):
     return found.reason if isinstance(found, Diagnostic) else found
 
 
+ON_ITS_SIDE = Place(roll=np.deg2rad(80.0), distance_m=100.0, height_m=30.0, lateral_m=0.0)
+
+
 @pytest.mark.parametrize(
     ("sights", "reason"),
     [
@@ -161,17 +164,13 @@ def refusal(sights, horizon=None, mount=CAMERA_MOUNT, config=LEVEL):
         ({"left": upright(-0.2), "right": upright(0.2)}, Reason.NO_VANISHING_POINT),  # parallel in the picture
         ({"left": upright(0.1), "right": upright(0.1)}, Reason.NO_VANISHING_POINT),  # one line twice
         (mirrored(sights_of(see()), rows=True), Reason.NO_VANISHING_POINT),  # upside down, a staircase
+        (sights_of(see(ON_ITS_SIDE)), Reason.NO_VANISHING_POINT),
         (dict(zip(SIDES, list(sights_of(see()).values())[::-1], strict=True)), Reason.CROSSED),
     ],
-    ids=["none", "one", "parallel", "same", "up", "crossed"],
+    ids=["none", "one", "parallel", "same", "up", "side", "crossed"],
 )
 def test_what_is_no_runway_ahead_is_refused(sights, reason):
     assert refusal(sights) is reason
-
-
-def test_a_picture_on_its_side_is_refused():
-    place = Place(roll=np.deg2rad(80.0), distance_m=100.0, height_m=30.0, lateral_m=0.0)
-    assert refusal(sights_of(see(place))) is Reason.NO_VANISHING_POINT
 
 
 def test_a_mirrored_picture_is_the_mirrored_approach():

@@ -28,19 +28,21 @@ LINE_SIGMA_M = SHARED[States.LEFT - States.SHARED.start]
 START = States.SHARED.start
 
 
-def observed(index, share=0.75, bias_sigma=0.0):
+def observed(index, share=0.75, bias_sigma=0.0, config=LEVEL):
     """A belief of which one shared error is observed so well, and off what is stated by so many 1-sigma."""
-    belief = belief_of()
+    belief = belief_of(config=config)
     mean, covariance = belief.mean.copy(), belief.covariance.copy()
     covariance[index, index] *= 1 - share
     mean[index] += bias_sigma * SHARED[index - START] * np.sqrt(share)
     return replace(belief, mean=mean, covariance=covariance)
 
 
-def test_what_no_picture_observed_is_not_tested():
+def test_what_no_picture_observed_or_nobody_stated_is_not_tested():
     assert list(prior_tests(belief_of(), SHARED, LEVEL)) == []
     assert bias_flag(belief_of(), SHARED, LEVEL) is None
     assert list(prior_tests(observed(States.ANGLE, OBSERVED_SHARE / 2), SHARED, LEVEL)) == []
+    not_stated = observed(States.WIDTH, 1.0, config=IN_WIDTHS)
+    assert list(prior_tests(not_stated, shared_sigmas(CAMERA, IN_WIDTHS), IN_WIDTHS)) == []
 
 
 def test_a_test_compares_the_estimate_with_what_is_stated():
@@ -48,14 +50,6 @@ def test_a_test_compares_the_estimate_with_what_is_stated():
     assert test.index == States.WIDTH
     assert test.bias / test.sigma == pytest.approx(2.0)
     assert test.sigma == pytest.approx(np.sqrt(0.75) * LEVEL.deck.width_sigma_m)
-
-
-def test_a_width_that_is_not_stated_is_not_tested():
-    unit = shared_sigmas(CAMERA, IN_WIDTHS)
-    belief = belief_of(config=IN_WIDTHS)
-    covariance = belief.covariance.copy()
-    covariance[States.WIDTH, States.WIDTH] = 0.0
-    assert list(prior_tests(replace(belief, covariance=covariance), unit, IN_WIDTHS)) == []
 
 
 @pytest.mark.parametrize("index", list(MESSAGES))
@@ -121,25 +115,11 @@ def test_a_level_is_the_quantile_of_the_covariance_and_the_largest_fault():
     assert levels(belief, has_ramp=False).distance_m is None
 
 
-def test_a_fault_that_no_test_shows_adds_its_response():
-    belief = belief_of()
-    covariance = belief.covariance.copy()
-    response = 3.0  # m of lateral deviation per m of a line's lateral error
-    covariance[States.LATERAL, States.LEFT] = response * LINE_SIGMA_M**2
-    covariance[States.LEFT, States.LATERAL] = covariance[States.LATERAL, States.LEFT]
-    found = levels(replace(belief, covariance=covariance))
-    assert found.lateral_m - levels(belief).lateral_m == pytest.approx(response * LEVEL.integrity.max_line_m)
-
-
-def test_a_fault_that_a_test_shows_is_bounded_by_it():
-    """A line whose lateral error is observed, and flagged from `alarm_sigma` on."""
-    belief = belief_of()
-    covariance = belief.covariance.copy()
-    sigma, share, response = LINE_SIGMA_M, 0.75, 0.5
-    covariance[States.LEFT, States.LEFT] *= 1 - share
-    covariance[States.LATERAL, States.LEFT] = covariance[States.LEFT, States.LATERAL] = response * sigma**2
-    found = levels(replace(belief, covariance=covariance))
-    test = LEVEL.integrity
-    shown = (test.alarm_sigma + test.missed_sigma) * np.sqrt(share) * sigma / share
-    assert shown < test.max_line_m
-    assert found.lateral_m - levels(belief).lateral_m == pytest.approx(response * shown)
+@pytest.mark.parametrize(("share", "response"), [(0.0, 3.0), (0.75, 0.5)])
+def test_a_fault_adds_its_response_up_to_where_a_test_shows_it(share, response):
+    """A line whose lateral error is observed by a share, and flagged from `alarm_sigma` on; m per m of that error."""
+    belief, test = observed(States.LEFT, share), LEVEL.integrity
+    belief.covariance[[States.LATERAL, States.LEFT], [States.LEFT, States.LATERAL]] = response * LINE_SIGMA_M**2
+    shown = (test.alarm_sigma + test.missed_sigma) * LINE_SIGMA_M / np.sqrt(share) if share else test.max_line_m
+    assert share == 0.0 or shown < test.max_line_m
+    assert levels(belief).lateral_m - levels(belief_of()).lateral_m == pytest.approx(response * shown)

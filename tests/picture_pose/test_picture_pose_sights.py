@@ -85,16 +85,12 @@ def test_a_lens_is_undone():
         assert abs(one @ other) == pytest.approx(1.0, abs=1e-6)
 
 
-@pytest.mark.parametrize("odd", ["two", "one place", "nan"])
+@pytest.mark.parametrize("odd", [lambda px: px[:2], lambda px: 0 * px + px[0], lambda px: np.nan * px])
 def test_a_line_without_a_direction_is_left_out(odd):
+    """Of two points, of points at one place, and of points that are no numbers."""
     whole = see()
-    left = whole.left
-    if odd == "two":
-        left = LinePoints(left.points_px[:2], left.confidence[:2], left.sigma_px[:2])
-    elif odd == "one place":
-        left = replace(left, points_px=np.broadcast_to(left.points_px[0], left.points_px.shape))
-    else:
-        left = replace(left, points_px=np.full_like(left.points_px, np.nan))
+    points_px = odd(whole.left.points_px)
+    left = LinePoints(points_px, np.ones(len(points_px)), np.ones(len(points_px)))
     line = PixelLine(np.array([1.0, 0.0, -1.0]), np.ones(len(left), bool), whole.left.points_px[[0, -1]], SIGMA_PX)
     lines = {"left": line, "right": pixel_lines(whole)["right"]}
     with np.errstate(invalid="ignore"):

@@ -227,21 +227,17 @@ def test_points_that_are_no_numbers_are_left_out(follower):
 
 def test_one_line_does_not_begin_a_track_but_carries_one(follower):
     one_line = replace(see(FLIGHT(0.0)), right=LinePoints.empty())
-    answer = follower(frame_at(0.0), one_line)
-    assert answer.track.state is TrackState.LOST
-    assert reasons(answer.track.diagnostics) == [Reason.NO_VANISHING_POINT]
-    assert answer.frame.world_from_body is None
+    for detection, why in ((NOTHING, []), (one_line, [Reason.NO_VANISHING_POINT])):
+        follower.tracker.reset()
+        answer = follower(frame_at(0.0), detection)
+        assert (answer.track.state, answer.frame.world_from_body) == (TrackState.LOST, None)
+        assert reasons(answer.track.diagnostics) == why
     follower.follow(FLIGHT, seconds(0.1, 2.0))
     for time_s in seconds(2.0, 3.0):
         answer = follower(frame_at(time_s), replace(see(FLIGHT(time_s)), right=LinePoints.empty()))
         assert answer.track.state is TrackState.TRACKING
     off, sigma = errors_of(follower.belief, FLIGHT(2.9))
     assert np.all(np.abs(off) < 3 * sigma)
-
-
-def test_no_lines_give_nothing(follower):
-    answer = follower(frame_at(0.0), NOTHING)
-    assert (answer.track.state, answer.frame.world_from_body) == (TrackState.LOST, None)
 
 
 def test_a_frozen_picture_does_not_update_the_track(follower):
