@@ -1,5 +1,7 @@
 """Coarse-to-fine inference with a network that knows the truth: which crops it sees and what is returned."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from anchor_logits import GRID, logits_of
@@ -40,6 +42,18 @@ class Oracle:
         classes, offsets, _ = encode_region([*box[:2], *(box[2:] + 1e-3)], (32, 18))
         cells = [encode(line, np.ones(len(line)), GRID) for line in lines]
         return NetworkOutput(np.stack([logits_of(cell) for cell in cells]), np.log(classes + 1e-12), offsets)
+
+
+class ChangedAtFirst(Oracle):
+    """What it gives for its first view is changed."""
+
+    def __init__(self, change: Callable[[NetworkOutput], NetworkOutput]) -> None:
+        super().__init__()
+        self.change = change
+
+    def __call__(self, view: np.ndarray) -> NetworkOutput:
+        output = super().__call__(view)
+        return self.change(output) if len(self.views) == 1 else output
 
 
 def draw(size, left, right) -> np.ndarray:
@@ -277,30 +291,19 @@ def test_what_contradicts_the_one_line_that_the_search_saw_does_not_count():
     """The search sees a left line alone; the crop shows a runway elsewhere, or the same line and its right one."""
     left, right = (600.0, 400.0, 606.0, 370.0), (640.0, 400.0, 622.0, 370.0)
 
-    class OneEyed(Oracle):
-        def __call__(self, view):
-            output = super().__call__(view)
-            if len(self.views) > 1:
-                return output
-            rows = output.rows.copy()
-            rows[1] = -20.0
-            rows[1, :, -1] = 0.0
-            return output._replace(rows=rows)
+    def one_eyed():
+        no_line = logits_of(np.full(GRID.rows, np.nan))
+        return ChangedAtFirst(lambda output: output._replace(rows=np.stack([output.rows[0], no_line])))
 
     box, once = (595.0, 365.0, 645.0, 405.0), DetectConfig(max_passes=1, tilings=())
     image = draw((1280, 720), left, right)
-    one = detect_lines(image, OneEyed(), once)
+    one = detect_lines(image, one_eyed(), once)
     assert len(one.left) > 0 and len(one.right) == 0
-    assert count_lines(detect_lines(image, OneEyed(), once, box)) == 2
+    assert count_lines(detect_lines(image, one_eyed(), once, box)) == 2
     shifted = draw((1280, 720), (612.0, 400.0, 616.0, 370.0), right)
-
-    class Moving(OneEyed):
-        def __call__(self, view):
-            return super().__call__(view if len(self.views) == 0 else self.other)
-
-    network = Moving()
-    network.other = normalise(sample_crop(shifted, crop_around(box, (1280, 720), (512, 288), 0.6, 72.0), (512, 288)))
-    one = detect_lines(image, network, once, box)
+    other = normalise(sample_crop(shifted, crop_around(box, (1280, 720), (512, 288), 0.6, 72.0), (512, 288)))
+    network = one_eyed()
+    one = detect_lines(image, lambda view: network(other if network.views else view), once, box)
     assert len(network.views) == 2 and len(one.left) > 0 and len(one.right) == 0
 
 
@@ -340,13 +343,9 @@ def test_tiles_find_a_runway_that_the_whole_picture_is_too_coarse_for():
 
 
 def test_a_runway_that_is_faint_in_the_whole_picture_counts_if_the_closer_view_is_sure():
-    class Faint(Oracle):
-        def __call__(self, view):
-            output = super().__call__(view)
-            if len(self.views) > 1:
-                return output
-            shares = 0.1 * np.exp(output.region)
-            shares[-1] += 0.9
-            return output._replace(region=np.log(shares))
+    def make_faint(output):
+        shares = 0.1 * np.exp(output.region)
+        shares[-1] += 0.9
+        return output._replace(region=np.log(shares))
 
-    check_lines(detect_lines(draw((1280, 720), *FAR), Faint(), DetectConfig()), *FAR)
+    check_lines(detect_lines(draw((1280, 720), *FAR), ChangedAtFirst(make_faint), DetectConfig()), *FAR)

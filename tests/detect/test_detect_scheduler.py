@@ -1,6 +1,7 @@
 """A bounded number of views a picture, and the search of whole pictures spread over frames."""
 
 from dataclasses import replace
+from itertools import repeat
 
 import numpy as np
 import pytest
@@ -15,43 +16,48 @@ THERE = ((200.0, 500.0, 230.0, 400.0), (300.0, 500.0, 270.0, 400.0))
 BESIDE = ((500.0, 500.0, 300.0, 400.0), (600.0, 500.0, 380.0, 400.0))  # the camera is 2.1 heights beside it
 BESIDE_BOX = (290.0, 390.0, 610.0, 510.0)
 BOX = (590.0, 390.0, 710.0, 510.0)
+BLANK = np.zeros((720, 1280, 3), np.uint8)
 SMALL = ((900.0, 500.0, 920.0, 460.0), (970.0, 500.0, 950.0, 460.0))
 
 
 class OracleDetector(SearchingDetector):
-    """The oracle as a detector; it counts its views."""
+    """An oracle as a detector; it counts its views."""
 
     name = "oracle"
 
-    def __init__(self) -> None:
-        self.oracle = Oracle()
+    def __init__(self, oracle: Oracle | None = None, config: DetectConfig | None = None) -> None:
+        self.oracle, self.config = oracle or Oracle(), config or DetectConfig()
 
     def __call__(self, image_rgb, prior_box=None):
-        return detect_lines(image_rgb, self.oracle, DetectConfig(), prior_box)
+        return detect_lines(image_rgb, self.oracle, self.config, prior_box)
 
     def start_search(self, image_rgb):
-        return Search(image_rgb, self.oracle, DetectConfig())
+        return Search(image_rgb, self.oracle, self.config)
 
     @property
     def views(self) -> int:
         return len(self.oracle.views)
 
 
-class ShortSightedDetector(OracleDetector):
+def short_sighted() -> OracleDetector:
     """Sees a small runway in close views alone."""
-
-    def __init__(self) -> None:
-        self.oracle = ShortSighted()
+    return OracleDetector(ShortSighted())
 
 
-def detect_all(detector, pictures, period_s=0.1, search_s=1.0, is_sure=True):
-    """The scheduler after pictures at a fixed period, the views that each took, and their detections."""
-    scheduler, views, found = SearchScheduler(detector, search_s), [], []
-    for number, picture in enumerate(pictures):
+def detect_at(scheduler, times, pictures, box=BOX, is_sure=True):
+    """The views that the pictures at these times took, and their detections. The first picture is never sure."""
+    detector, views, found = scheduler.detector, [], []
+    for number, (time_s, picture) in enumerate(zip(times, pictures, strict=False)):
         before = detector.views
-        found.append(scheduler.detect(number * period_s, picture, BOX, is_sure and number > 0))
+        found.append(scheduler.detect(time_s, picture, box, is_sure and number > 0))
         views.append(detector.views - before)
-    return scheduler, views, found
+    return views, found
+
+
+def detect_all(detector, pictures, period_s=0.1, search_s=1.0, **given):
+    """The scheduler after pictures at a fixed period, the views that each took, and their detections."""
+    scheduler = SearchScheduler(detector, search_s)
+    return scheduler, *detect_at(scheduler, period_s * np.arange(len(pictures)), pictures, **given)
 
 
 def test_a_sure_track_costs_one_view_a_picture_and_two_while_a_search_runs_beside_it():
@@ -74,23 +80,19 @@ def test_without_a_period_or_after_a_gap_every_picture_is_searched_whole(search_
 
 
 @pytest.mark.parametrize("is_sure", [True, False])
-@pytest.mark.parametrize("picture", [draw((1280, 720), *HERE), np.zeros((720, 1280, 3), np.uint8)])
+@pytest.mark.parametrize("picture", [draw((1280, 720), *HERE), BLANK])
 def test_after_the_first_no_picture_takes_more_than_three_views(picture, is_sure):
-    _, views, _ = detect_all(ShortSightedDetector(), [picture] * 40, 1 / 30, is_sure=is_sure)
+    _, views, _ = detect_all(short_sighted(), [picture] * 40, 1 / 30, is_sure=is_sure)
     assert max(views[1:]) <= VIEWS
 
 
 @pytest.mark.parametrize("gap_s", [5.0, -5.0])
 def test_in_live_flight_no_picture_is_searched_whole_unless_all_come_slowly(gap_s):
-    detector, views = ShortSightedDetector(), []
-    scheduler, blank = SearchScheduler(detector, 1.0, first_at_once=False), np.zeros((720, 1280, 3), np.uint8)
     quick = [number / 30 for number in range(40)]
     times = quick + [time_s + gap_s for time_s in quick]
     slow = [times[-1] + 1.5 * number for number in range(1, 4)]
-    for time_s in times + slow:
-        before = detector.views
-        scheduler.detect(time_s, blank, None, False)
-        views.append(detector.views - before)
+    scheduler = SearchScheduler(short_sighted(), 1.0, first_at_once=False)
+    views, _ = detect_at(scheduler, times + slow, repeat(BLANK), None, False)
     assert max(views[: len(times) + 1]) <= VIEWS < min(views[len(times) + 1 :])
 
 
@@ -105,18 +107,14 @@ def test_a_small_runway_is_found_over_frames_while_the_picture_turns():
     """Tiles of a held picture find it; it has moved by more than its own size when the search ends."""
     rng = np.random.default_rng(3)
     ground = np.repeat(np.repeat(rng.integers(0, 40, (100, 200, 1), dtype=np.uint8), 10, axis=0), 10, axis=1)
-    pictures, truth = [np.zeros((720, 1280, 3), np.uint8)], [None]
+    pictures, truth = [BLANK], [None]
     for number in range(60):
         shift = 4.0 * number
         truth.append([(u0 - shift, v0, u1 - shift, v1) for u0, v0, u1, v1 in SMALL])
         picture = np.repeat(ground[:720, int(shift) : int(shift) + 1280], 3, axis=2)
         pictures.append(np.maximum(picture, draw((1280, 720), *truth[-1])))
-    detector = ShortSightedDetector()
-    scheduler, found = SearchScheduler(detector, 1.0), []
-    for number, picture in enumerate(pictures):
-        before = detector.views
-        found.append(scheduler.detect(number / 30, picture, None, False))
-        assert number == 0 or detector.views - before <= VIEWS
+    _, views, found = detect_all(short_sighted(), pictures, 1 / 30, box=None, is_sure=False)
+    assert max(views[1:]) <= VIEWS
     seen = [number for number, detection in enumerate(found) if len(detection.left)]
     assert seen and seen == list(range(seen[0], len(found)))  # once found it is followed
     assert seen[0] <= 45  # some 35 views at one a frame
@@ -169,12 +167,8 @@ def join_views(pairs, infer):
     ],
 )
 def test_a_faint_pair_of_joined_pictures_counts_where_two_in_a_row_surely_show_it_ahead(pairs, infer, first):
-    scheduler, blank, joined = (
-        SearchScheduler(OracleDetector(), 1.0),
-        np.zeros((720, 1280, 3), np.uint8),
-        join_views(pairs, infer),
-    )
-    found = [scheduler.detect(0.1 * k, blank, None, False, None, joined) for k in range(5)]
+    scheduler, joined = SearchScheduler(OracleDetector(), 1.0), join_views(pairs, infer)
+    found = [scheduler.detect(0.1 * k, BLANK, None, False, None, joined) for k in range(5)]
     seen = [k for k, detection in enumerate(found) if len(detection.left)]
     assert seen[:1] == ([] if first is None else [first])
     if seen:
@@ -184,10 +178,8 @@ def test_a_faint_pair_of_joined_pictures_counts_where_two_in_a_row_surely_show_i
 
 @pytest.mark.parametrize(("pair", "count"), [(HERE, 1), (BESIDE, 0)])
 def test_an_unsure_pair_counts_where_an_approach_can_see_it(pair, count):
-    scheduler, blank = SearchScheduler(DoubtfulDetector(180), 1.0), np.zeros((720, 1280, 3), np.uint8)
-    scheduler.detect(0.0, blank, None, False)
-    found = scheduler.detect(0.1, draw((1280, 720), *pair), None, False)
-    assert (len(found.left) > 0) == count
+    _, _, found = detect_all(DoubtfulDetector(180), [BLANK, draw((1280, 720), *pair)], box=None, is_sure=False)
+    assert (len(found[1].left) > 0) == count
 
 
 class DeludedDetector(OracleDetector):
@@ -219,15 +211,9 @@ def test_a_track_cannot_confirm_itself():
 
 
 def test_after_a_gap_in_live_flight_no_track_is_sure_before_the_picture_is_searched():
-    detector = DeludedDetector()
-    scheduler, views = SearchScheduler(detector, 1.0, first_at_once=False), []
-    here, blank = draw((1280, 720), *HERE), np.zeros((720, 1280, 3), np.uint8)
-    for number in range(40):
-        scheduler.detect(number / 30, here, BOX, True)
-    for number in range(60):
-        before = detector.views
-        scheduler.detect(10.0 + number / 30, blank, BOX, True)
-        views.append(detector.views - before)
+    scheduler = SearchScheduler(DeludedDetector(), 1.0, first_at_once=False)
+    times = [*(number / 30 for number in range(40)), *(10.0 + number / 30 for number in range(60))]
+    views = detect_at(scheduler, times, [*[draw((1280, 720), *HERE)] * 40, *[BLANK] * 60])[0][40:]
     searched = views.index(1)
     assert searched < 20 and max(views) == VIEWS  # pictures: two thirds of a second
     assert views[: searched - 1] == [VIEWS] * (searched - 1)

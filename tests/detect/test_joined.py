@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
 from test_detect_coarse_to_fine import NONE, Oracle, check_lines, draw
+from test_detect_scheduler import BLANK, BOX, HERE, OracleDetector
 
 from deckline.config import Models, RunConfig
 from deckline.dehaze.base import IdentityDehazer
@@ -16,7 +17,7 @@ from deckline.detect.crop import CONTRAST_FLOOR, Crop, normalise, sample_crop
 from deckline.detect.joined import MAX_AGE_S, FrameStack, view_joined, view_place_joined
 from deckline.detect.motion import DeckMotion, KeptPicture, SeenMotion, plane_homography
 from deckline.detect.registration import CELL_PX, grey, measure_affine, measure_shift
-from deckline.detect.scheduler import SearchingDetector, SearchScheduler
+from deckline.detect.scheduler import SearchScheduler
 from deckline.detect.search import Search
 from deckline.flight import Flight
 from deckline.geometry import Camera, attitude, intersect_plane
@@ -246,23 +247,17 @@ def test_a_crop_that_shrinks_the_picture_is_not_joined():
     assert stack.join(Crop(-40.0, 0.0, 1.1), SIZE, DeckMotion(RUNWAY, STILL)) is None
 
 
-LEFT, RIGHT, BOX = (600.0, 500.0, 630.0, 400.0), (700.0, 500.0, 670.0, 400.0), (590.0, 390.0, 710.0, 510.0)
+LEFT, RIGHT = HERE
 
 
 def test_several_frames_are_viewed_once_and_only_where_one_is_not_sure():
-    oracle, calls = Oracle(), []
+    detector, seen, calls = OracleDetector(), draw((1280, 720), LEFT, RIGHT), []
 
     def joined(search, box):
         calls.append(box)
-        sharp = Search(draw((1280, 720), LEFT, RIGHT), oracle, DetectConfig())
-        return replace(sharp.search_prior(box), frames=8)
+        return replace(detector.start_search(seen).search_prior(box), frames=8)
 
-    class Detector(SearchingDetector):
-        def start_search(self, image_rgb):
-            return Search(image_rgb, oracle, DetectConfig())
-
-    scheduler, seen, blank = SearchScheduler(Detector(), 1.0), draw((1280, 720), LEFT, RIGHT), np.zeros((720, 1280, 3))
-    pictures = (seen, seen, blank.astype(np.uint8))
+    scheduler, pictures = SearchScheduler(detector, 1.0), (seen, seen, BLANK)
     frames = [scheduler.detect(0.1 * k, picture, BOX, True, joined).frames for k, picture in enumerate(pictures)]
     assert frames == [1, 1, 8]
     assert len(calls) == 1
@@ -270,18 +265,13 @@ def test_several_frames_are_viewed_once_and_only_where_one_is_not_sure():
 
 @pytest.mark.parametrize(("is_wide", "views"), [(False, 1), (True, 2)])
 def test_a_wide_box_is_viewed_closer_before_pictures_are_joined(is_wide, views):
-    oracle, before, never_sure = Oracle(), [], DetectConfig(agreeing_probability=1.0)
-
-    class Detector(SearchingDetector):
-        def start_search(self, image_rgb):
-            return Search(image_rgb, oracle, never_sure)
+    before, wide = [], (490.0, 290.0, 810.0, 610.0)
 
     def joined(search, box):
         before.append(len(search.crops))
 
-    scheduler, wide = SearchScheduler(Detector(), 1.0), (490.0, 290.0, 810.0, 610.0)
-    empty = np.zeros((720, 1280, 3), np.uint8)
-    scheduler.detect(0.0, empty, None, True)  # searched whole
+    scheduler = SearchScheduler(OracleDetector(config=DetectConfig(agreeing_probability=1.0)), 1.0)  # never sure
+    scheduler.detect(0.0, BLANK, None, True)  # searched whole
     scheduler.detect(0.1, draw((1280, 720), LEFT, RIGHT), wide, True, joined, is_wide=is_wide)
     assert before == [views]
 
@@ -311,20 +301,12 @@ def test_a_joined_view_costs_one_inference_and_states_its_frames():
     assert view_place_joined(search, BOX, stack, frame, STILL).lines.frames == 4  # the deck's height is not known
 
 
-class NoiseShyDetector(SearchingDetector):
+class NoiseShy(Oracle):
     """Sees lines only in views whose noise is small beside them: blue has noise alone."""
 
-    name = "noise-shy"
-
-    def infer(self, view):
+    def __call__(self, view):
         noise = np.std(np.diff(view[2], axis=1))
-        return Oracle()(view) if noise < 0.0125 * np.ptp(view[0]) else NetworkOutput(*NONE)
-
-    def start_search(self, image_rgb):
-        return Search(image_rgb, self.infer, DetectConfig())
-
-    def __call__(self, image_rgb, prior_box=None):
-        raise AssertionError("a flight searches view by view")
+        return super().__call__(view) if noise < 0.0125 * np.ptp(view[0]) else NetworkOutput(*NONE)
 
 
 def test_a_flight_joins_its_frames_until_it_is_reset():
@@ -339,12 +321,12 @@ def test_a_flight_joins_its_frames_until_it_is_reset():
             frame = Frame(f"{k}", k / 30, image, camera, world_from_body=place, deck_z_m=0.0)
             yield flight(frame, prior=deck).detection
 
-    with Flight(RunConfig(), IdentityDehazer(), NoiseShyDetector()) as flight:
+    with Flight(RunConfig(), IdentityDehazer(), OracleDetector(NoiseShy())) as flight:
         frames = [detection.frames for detection in fly(flight, 10)]
         assert frames[0] == 1 and frames[-1] == RunConfig().models.join_frames
         flight.reset()
         first, *_, last = fly(flight, 6)
         assert (first.frames, len(first.left), last.frames) == (1, 0, 6)
         check_lines(last, *lines)
-    with Flight(RunConfig(models=Models(join_frames=1)), IdentityDehazer(), NoiseShyDetector()) as flight:
+    with Flight(RunConfig(models=Models(join_frames=1)), IdentityDehazer(), OracleDetector(NoiseShy())) as flight:
         assert {detection.frames for detection in fly(flight, 10)} == {1}
