@@ -41,5 +41,5 @@ def sea_pair(
 
 
 def frame_of(image: np.ndarray, **changes: object) -> Frame:
-    given = {"world_from_body": world_from_body(), "deck_z_m": DECK_Z_M} | changes
-    return Frame("sea.png", 0.0, image, CAMERA, **given)
+    given = {"camera": CAMERA, "world_from_body": world_from_body(), "deck_z_m": DECK_Z_M} | changes
+    return Frame("sea.png", 0.0, image, **given)

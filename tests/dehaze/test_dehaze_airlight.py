@@ -8,26 +8,23 @@ AIRLIGHT = np.array([0.70, 0.74, 0.80])
 HEIGHT, WIDTH, HORIZON = 180, 320, 60
 
 
-def sky_over_patchwork() -> np.ndarray:
-    image = np.broadcast_to(AIRLIGHT, (HEIGHT, WIDTH, 3)).astype(np.float32)
-    image[HORIZON:] = np.random.default_rng(0).uniform(0, 0.4, (HEIGHT - HORIZON, WIDTH, 3))
+def sky_over_patchwork(colour=AIRLIGHT, dark=0.0) -> np.ndarray:
+    image = np.broadcast_to(colour, (HEIGHT, WIDTH, 3)).astype(np.float32)
+    image[HORIZON:] = np.random.default_rng(0).uniform(dark, dark + 0.4, (HEIGHT - HORIZON, WIDTH, 3))
     return image
 
 
 def test_the_airlight_follows_the_sky():
     y, x = np.mgrid[0:HEIGHT, 0:WIDTH]
     sky_colour = 0.6 + 0.1 * (y / HEIGHT)[..., None] + 0.15 * (x / WIDTH)[..., None] * AIRLIGHT
-    image = sky_colour.astype(np.float32)
-    image[HORIZON:] = np.random.default_rng(0).uniform(0, 0.4, (HEIGHT - HORIZON, WIDTH, 3))
-    smooth = find_smooth_top(image)
-    sky = find_sky(image, smooth)
+    image = sky_over_patchwork(sky_colour)
+    sky = find_sky(image, find_smooth_top(image))
     assert sky[: HORIZON - 8].all() and not sky[HORIZON + 4 :].any()
     np.testing.assert_allclose(fit_airlight(image, sky)[: HORIZON - 8], sky_colour[: HORIZON - 8], atol=0.01)
 
 
 def test_a_dark_top_is_no_sky():
-    image = np.full((HEIGHT, WIDTH, 3), 0.05, np.float32)
-    image[HORIZON:] = np.random.default_rng(0).uniform(0.4, 0.8, (HEIGHT - HORIZON, WIDTH, 3))
+    image = sky_over_patchwork(0.05, dark=0.4)
     assert not find_sky(image, find_smooth_top(image)).any()
 
 

@@ -93,11 +93,7 @@ def test_water_beside_an_object_has_no_halo():
     ship = hazy.copy()
     t, colour = np.exp(-beta_from_visibility(900.0) * 250), np.array([60, 62, 65])
     ship[hull > 0] = np.rint(AIRLIGHT + t * (colour - AIRLIGHT))
-    pose = {"world_from_body": world_from_body(), "deck_z_m": DECK_Z_M}
-    alone, beside = (
-        GeometryDehazer().restore(Frame("sea.png", 0.0, image, CAMERA.resized(1280, 720), **pose)).image_rgb.astype(int)
-        for image in (hazy, ship)
-    )
+    alone, beside = (dehaze(image, camera=CAMERA.resized(1280, 720)).astype(int) for image in (hazy, ship))
     added = (beside - alone).mean(axis=2)
     away_px = cv2.distanceTransform(1 - hull, cv2.DIST_L2, 5)
     sea = ray_z(world_from_body()).repeat(4, axis=0).repeat(4, axis=1) > 0.01

@@ -3,12 +3,17 @@ import pytest
 from sea_scene import AIRLIGHT, CAMERA, SEA, SEA_Z_M, ray_z, sea_pair, world_from_body
 
 from deckline.dehaze.haze_fit import DARK, HazeFit, NoFit, NotFitted, fit_haze, hidden_sea_certainty
-from deckline.dehaze.sea_view import view_sea
+from deckline.dehaze.sea_view import SeaView, view_sea
 from deckline.geometry import camera_mount
 from deckline.haze import beta_from_visibility
 
-POSE = world_from_body() * camera_mount()
-VIEW = view_sea(CAMERA, POSE, SEA_Z_M)
+
+def view_from(*at: float) -> SeaView:
+    """The sea as seen from a place of `world_from_body`."""
+    return view_sea(CAMERA, world_from_body(*at) * camera_mount(), SEA_Z_M)
+
+
+VIEW = view_from()
 
 
 @pytest.mark.parametrize("visibility_m", [500.0, 1200.0, 3000.0])
@@ -30,7 +35,8 @@ def test_air_that_thickens_with_range_is_distinguished_from_even_air():
     assert fit.optical_depth(np.float32(1000.0)) == pytest.approx(2.0, rel=0.2)
 
 
-def test_foam_and_a_ship_do_not_move_it():
+def test_clear_air_comes_out_thin_and_foam_and_a_ship_move_nothing():
+    assert fit_haze(sea_pair(0.0)[1], VIEW).beta_per_m < beta_from_visibility(20_000.0)
     beta = beta_from_visibility(1000.0)
     image = sea_pair(beta)[0]
     image[100:180, 20:90] = 225  # wake
@@ -38,22 +44,20 @@ def test_foam_and_a_ship_do_not_move_it():
     assert fit_haze(image, VIEW).beta_per_m == pytest.approx(beta, rel=0.15)
 
 
-def test_clear_air_comes_out_thin():
-    assert fit_haze(sea_pair(0.0)[1], VIEW).beta_per_m < beta_from_visibility(20_000.0)
-
-
-def test_optical_depth_is_the_law():
+def test_optical_depth_is_the_law_and_visibility_is_where_two_percent_are_left():
     fit = HazeFit(AIRLIGHT, 2e-3, 1e-4, 1e-3, np.zeros((2, 3)))
     depth = fit.optical_depth(np.array([0.0, 500.0, np.inf], np.float32))
     np.testing.assert_allclose(depth[:2], [0.0, 1.0 + 0.5**4], rtol=1e-5)
     assert np.exp(-depth[2]) == 0
+    assert np.exp(-fit.optical_depth(np.float32(fit.visibility_m))) == pytest.approx(0.02, rel=1e-3)
+    even = HazeFit(AIRLIGHT, beta_from_visibility(1200.0), 0.0, 0.0, np.zeros((2, 3)))
+    assert even.visibility_m == pytest.approx(1200.0, rel=1e-3)
 
 
 @pytest.mark.parametrize("mirror", [0.5, 0.7])
 def test_thick_haze_over_usual_water_is_fitted_from_high_up(mirror):
     """The nearest water transmits a seventh; how bright the far water is cannot be seen."""
-    beta, pose = 2e-3, world_from_body(-8.0, 0.0, -300.0)
-    view = view_sea(CAMERA, pose * camera_mount(), SEA_Z_M)
+    beta, view = 2e-3, view_from(-8.0, 0.0, -300.0)
     down = view.down[..., None]
     sea = AIRLIGHT * (1 - DARK * (1 - mirror * (1 - np.clip(down, 0, 1)) ** 5))
     waves = np.random.default_rng(5).normal(0, 3, (*view.down.shape, 1))
@@ -73,10 +77,7 @@ def cause(image: np.ndarray, view=VIEW) -> NoFit:
 
 def test_what_cannot_be_fitted_has_its_cause():
     image = sea_pair(2e-3)[0]
-    looking_down = view_sea(CAMERA, world_from_body(-60.0) * camera_mount(), SEA_Z_M)
-    looking_up = view_sea(CAMERA, world_from_body(25.0) * camera_mount(), SEA_Z_M)
-    assert cause(image, looking_down) is NoFit.NO_HORIZON
-    assert cause(image, looking_up) is NoFit.NO_HORIZON
+    assert cause(image, view_from(-60.0)) is cause(image, view_from(25.0)) is NoFit.NO_HORIZON  # down, up
     assert cause(image // 10) is NoFit.DARK
     assert cause(np.full_like(image, 150)) is NoFit.NO_CONTRAST
     mist = sea_pair(1.5e-2)[0]
@@ -85,7 +86,7 @@ def test_what_cannot_be_fitted_has_its_cause():
     striped = np.repeat(np.where(np.arange(len(image)) // 9 % 2, 60, 130), image.shape[1])  # fields, say
     land = np.where(VIEW.is_sea[..., None], striped.reshape(*VIEW.is_sea.shape, 1), image).astype(np.uint8)
     assert cause(land) is NoFit.NO_FADING
-    sliver = view_sea(CAMERA, world_from_body(16.8, 0.0) * camera_mount(), SEA_Z_M)
+    sliver = view_from(16.8, 0.0)
     assert sliver.is_sea.any()
     assert cause(image, sliver) is NoFit.LITTLE_SEA
 
@@ -125,7 +126,7 @@ def test_noise_does_not_thin_the_haze():
 @pytest.mark.parametrize("pitch_deg", [-8.0, -22.0])
 def test_haze_that_hides_the_far_sea_is_certain_with_and_without_a_horizon(pitch_deg):
     """From 60 m up; with the camera pitched down by 22 degrees, the farthest water in view is 400 m away."""
-    view = view_sea(CAMERA, world_from_body(pitch_deg, 0.0) * camera_mount(), SEA_Z_M)
+    view = view_from(pitch_deg, 0.0)
     assert view.is_sea.all() == (pitch_deg == -22.0)
     down = view.down[..., None]
     clear = np.where(down > 0, SEA + 0.6 * (AIRLIGHT - SEA) * (1 - np.clip(down, 0, 1)) ** 5, AIRLIGHT)
@@ -137,8 +138,5 @@ def test_haze_that_hides_the_far_sea_is_certain_with_and_without_a_horizon(pitch
     hazy = np.rint(AIRLIGHT + np.exp(-0.013 * view.range_m)[..., None] * (clear - AIRLIGHT)).astype(np.uint8)
     hazy[-20:] = 255
     assert hidden_sea_certainty(hazy, view) == 0
-
-
-def test_a_sea_that_is_hardly_in_view_is_not_certain():
-    image = np.full((*VIEW.down.shape, 3), 150, np.uint8)
-    assert hidden_sea_certainty(image, view_sea(CAMERA, world_from_body(25.0) * camera_mount(), SEA_Z_M)) == 0
+    hardly_in_view = view_from(25.0)
+    assert hidden_sea_certainty(np.full_like(image, 150), hardly_in_view) == 0

@@ -33,17 +33,12 @@ def test_a_ship_on_the_horizon_hides_it_in_its_own_columns_only() -> None:
     assert abs(found.middle_px - 80) < 2 * found.middle_sigma_px
 
 
-def test_scales_with_the_image() -> None:
+def test_the_horizon_scales_with_the_image_and_is_less_sure_in_more_haze() -> None:
     image = sea(80.0, 0.1, 0.05)
-    small, large = find_horizon(image), find_horizon(image.repeat(3, axis=0).repeat(3, axis=1))
-    assert isinstance(small, Horizon) and isinstance(large, Horizon)
+    shown = (image, image.repeat(3, axis=0).repeat(3, axis=1), sea(70.0, 0.0, 0.0), sea(70.0, 0.0, 0.1))
+    small, large, clear, hazy = map(find_horizon, shown)
     assert large.middle_px == pytest.approx(3 * small.middle_px + 1, abs=2)
     assert large.slope == pytest.approx(small.slope, abs=0.005)
-
-
-def test_more_haze_is_less_sure() -> None:
-    clear, hazy = find_horizon(sea(70.0, 0.0, 0.0)), find_horizon(sea(70.0, 0.0, 0.1))
-    assert isinstance(clear, Horizon) and isinstance(hazy, Horizon)
     assert clear.middle_sigma_px < hazy.middle_sigma_px
 
 

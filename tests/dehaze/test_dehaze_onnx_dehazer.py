@@ -12,7 +12,6 @@ from deckline.config import Engine
 from deckline.dehaze import OnnxDehazer, by_pose
 from deckline.dehaze.base import mix
 from deckline.dehaze.by_pose import GeometryDehazer, GeometrySolution
-from deckline.dehaze.haze_fit import HazeFit
 from deckline.dehaze.onnx_dehazer import CHANGE_LEVELS, change_share, darkest_detail, fit_to_angles, limit_change
 from deckline.dehaze.tensors import (
     MIN_SIDE_PX,
@@ -26,6 +25,10 @@ from deckline.dehaze.tensors import (
 from deckline.haze import beta_from_visibility
 from deckline.runtime import shipped_weights
 from deckline_lab.evaluation.metrics import psnr_db
+
+
+def shipped(**given: bool) -> OnnxDehazer:
+    return OnnxDehazer(shipped_weights("coarse-t"), engine=Engine(threads=1), **given)
 
 
 def network(level: int) -> np.ndarray:
@@ -88,7 +91,7 @@ def test_the_change_is_limited_in_the_picture_that_comes_out_not_in_the_small_on
     levels = np.clip(110 + 30 * (1 - down) ** 5 + waves, 0, 255).repeat(3, axis=2)
     image = np.rint(levels).astype(np.uint8)
     frame = replace(frame_of(image[::4, ::4], world_from_body=pose), image_rgb=image, camera=camera)
-    dehazer = OnnxDehazer(shipped_weights("coarse-t"), engine=Engine(threads=1))
+    dehazer = shipped()
     raised = np.clip(3.0 * np.arange(256) - 250, 0, 255).astype(np.uint8)
     monkeypatch.setattr(OnnxDehazer, "_run", lambda _, image, prior: raised[image])
     result = []
@@ -100,9 +103,8 @@ def test_the_change_is_limited_in_the_picture_that_comes_out_not_in_the_small_on
 
 
 def test_an_impossible_pose_leaves_the_image_with_its_reason() -> None:
-    dehazer = OnnxDehazer(shipped_weights("coarse-t"), engine=Engine(threads=1))
     image = sea_pair(1e-3)[0]
-    restored = dehazer.restore(frame_of(image, world_from_body=world_from_body(eye_z_m=20.0)))
+    restored = shipped().restore(frame_of(image, world_from_body=world_from_body(eye_z_m=20.0)))
     assert "below the sea" in restored.note
     np.testing.assert_array_equal(restored.image_rgb, image)
 
@@ -120,8 +122,7 @@ def test_without_a_horizon_only_a_sea_that_haze_hides_is_changed_much() -> None:
     """Grey water looked down upon: a clear sea brightens up to the upper edge, a hazy one in the lower half only."""
     pose = world_from_body(-22.0, 0.0)
     down = np.clip(ray_z(pose), 0.1, 1)
-    dehazer = OnnxDehazer(shipped_weights("coarse-t"), engine=Engine(threads=1))
-    kept = []
+    dehazer, kept = shipped(), []
     for levels in (90 + 100 * (1 - down) ** 5, 190 - 240 * np.exp(-0.6 / down)):
         image = np.repeat(np.rint(levels)[..., None], 3, axis=2).astype(np.uint8)
         assert 0.45 < darkest_detail(image) < 0.75  # which tells nothing
@@ -130,42 +131,23 @@ def test_without_a_horizon_only_a_sea_that_haze_hides_is_changed_much() -> None:
     assert kept[1] < 28
 
 
-def test_visibility_is_where_two_percent_are_left() -> None:
-    fit = HazeFit(
-        np.full(3, 150.0), beta_from_visibility(1200.0), 0.0, 0.0, np.stack([np.full(3, -100.0), np.zeros(3)])
-    )
-    assert fit.visibility_m == pytest.approx(1200.0, rel=1e-3)
-    banked = HazeFit(fit.airlight, 4e-4, 0.0, 4e-4, fit.sea)
-    assert banked.visibility_m < 0.5 * 3.912 / 4e-4
-    depth = float(banked.optical_depth(np.float32(banked.visibility_m)))
-    assert np.exp(-depth) == pytest.approx(0.02, rel=1e-3)
-
-
 def test_a_clear_sea_that_the_network_alone_takes_for_a_hazy_one_is_unchanged() -> None:
     """Bright grey water under a sky like it: only the pose shows that it does not fade."""
     _, clear = sea_pair(beta_from_visibility(1200.0))
     image = np.rint(0.35 * clear + 0.65 * np.array([150.0, 165.0, 180.0])).astype(np.uint8)
     frame = frame_of(image)
     assert isinstance(GeometryDehazer().solve(frame), GeometrySolution)
-    results = [
-        OnnxDehazer(shipped_weights("coarse-t"), engine=Engine(threads=1), network_only=alone).restore(frame)
-        for alone in (True, False)
-    ]
-    alone, both = (psnr_db(result.image_rgb, image) for result in results)
+    alone, both = (psnr_db(shipped(network_only=only).restore(frame).image_rgb, image) for only in (True, False))
     assert alone < 28
     assert both > 32
 
 
-def test_every_level_survives_the_round_trip() -> None:
+def test_every_level_survives_the_round_trip_and_values_outside_the_range_are_clipped() -> None:
     image = np.arange(256, dtype=np.uint8).reshape(16, 16, 1).repeat(3, axis=2)
     tensor = image_to_tensor(image)
-    assert tensor.shape == (1, 3, 16, 16)
-    assert tensor.dtype == np.float32
+    assert (tensor.shape, tensor.dtype) == ((1, 3, 16, 16), np.float32)
     assert (tensor.min(), tensor.max()) == (0.0, 1.0)
     np.testing.assert_array_equal(tensor_to_image(tensor), image)
-
-
-def test_values_outside_the_range_are_clipped() -> None:
     values = np.array([-np.inf, -0.4, 1.2, 300.0, np.inf, np.nan], dtype=np.float32)
     image = tensor_to_image(np.broadcast_to(values, (1, 3, 1, 6)))
     np.testing.assert_array_equal(image[0, :, 0], [0, 0, 255, 255, 255, 0])
