@@ -166,6 +166,17 @@ def test_two_places_that_lead_to_one_view_are_one_candidate(box: Line, is_whole:
     assert not search.is_decided
 
 
+def test_two_places_in_the_same_rows_are_two_candidates():
+    output = three_lines((40.0, 480.0, 246.0))
+    (_, left, _), (_, right, _) = (encode_region((u, 100.0, u + 100.0, 200.0), (32, 18)) for u in (60.0, 360.0))
+    shares = np.full(32 * 18 + 1, 1e-9)
+    shares[[100, 112]], shares[-1] = 0.41, 0.18
+    output = output._replace(region=np.log(shares).astype(np.float32), box=np.where(np.arange(32) < 10, left, right))
+    search = Search(BLACK, lambda view: output, DetectConfig(max_passes=2))
+    search.search_whole()
+    assert [view.crop.left < 120 for view in search.candidates] == [True, False]
+
+
 def test_a_line_of_two_rows_is_not_returned():
     image = draw((640, 360), (100, 300, 200, 50), (500, 300, 498, 292))
     detection = detect_lines(image, Oracle(), DetectConfig())

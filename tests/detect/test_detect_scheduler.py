@@ -122,8 +122,15 @@ def test_a_small_runway_is_found_over_frames_while_the_picture_turns():
         check_lines(found[number], *truth[number])
 
 
+def make_doubtful(output, sure):
+    """The output of a network that is so sure of a runway."""
+    region = output.region.copy()
+    region[-1] = np.logaddexp.reduce(region[:-1]) + np.log((1 - sure) / sure)
+    return output._replace(region=region)
+
+
 class DoubtfulDetector(OracleDetector):
-    """Its views of a runway of so many px and more are less than sure."""
+    """Its views of a runway of so many px and more are sure to 0.7 alone."""
 
     def __init__(self, width_px):
         super().__init__()
@@ -134,9 +141,7 @@ class DoubtfulDetector(OracleDetector):
         lit = np.flatnonzero((view[:2] - view[2]).max(axis=(0, 1)) > 0)
         if len(lit) == 0 or np.ptp(lit) < self.width_px:
             return output
-        region = output.region.copy()
-        region[-1] = np.logaddexp.reduce(region[:-1]) + np.log(0.3 / 0.7)
-        return output._replace(region=region)
+        return make_doubtful(output, 0.7)
 
     def start_search(self, image_rgb):
         return Search(image_rgb, self.infer, DetectConfig())
@@ -180,6 +185,17 @@ def test_a_faint_pair_of_joined_pictures_counts_where_two_in_a_row_surely_show_i
 def test_an_unsure_pair_counts_where_an_approach_can_see_it(pair, count):
     _, _, found = detect_all(DoubtfulDetector(180), [BLANK, draw((1280, 720), *pair)], box=None, is_sure=False)
     assert (len(found[1].left) > 0) == count
+
+
+def test_a_pair_ahead_goes_before_a_likelier_one_beside():
+    places = ((BESIDE, BESIDE_BOX, 0.9), (HERE, BOX, 0.83))
+    views = [Search(draw((1280, 720), *pair), Oracle(), DetectConfig()).view_prior(box, 1) for pair, box, _ in places]
+    search = Search(BLANK, Oracle(), DetectConfig())
+    search.candidates = [
+        replace(view, output=make_doubtful(view.output, sure)) for view, (*_, sure) in zip(views, places, strict=True)
+    ]
+    assert search.accepted == search.candidates
+    assert search.choose() is search.candidates[1]
 
 
 class DeludedDetector(OracleDetector):

@@ -152,11 +152,11 @@ def test_another_slope_aim_point_and_hook():
     assert found.vertical_deviation_m.value == pytest.approx(6.0 - 92.0 * np.tan(np.deg2rad(4.0)))
 
 
-def test_over_the_aim_point_there_are_no_angles():
-    found = guidance(frame([5.0, 0.0, -22.0]), estimate(**RAMP))
+@pytest.mark.parametrize(("x_m", "has_angles"), [(5.0, False), (0.5, False), (-0.5, True)])
+def test_nearer_than_ten_metres_to_the_aim_point_there_are_no_angles(x_m, has_angles):
+    found = guidance(frame([x_m, 0.0, -22.0]), estimate(**RAMP))
     assert found.vertical_deviation_m is not None
-    assert found.vertical_deviation_rad is None
-    assert found.lateral_deviation_rad is None
+    assert (found.vertical_deviation_rad is not None, found.lateral_deviation_rad is not None) == (has_angles,) * 2
 
 
 def test_the_track_goes_before_the_frame_and_brings_rates_bounds_and_state():

@@ -10,6 +10,8 @@ from scipy.stats import chi2
 from deckline.config import Deck, Sensors
 from deckline.geometry import wrap_angle
 from deckline.localize import solver
+from deckline.localize.joint_fit import _is_between
+from deckline.localize.line_fit import LineFit
 from deckline.localize.model import NUISANCES, FitState, linearize_deck_prior
 from deckline.localize.observations import initial_height, initial_line, observe
 from deckline.localize.ransac import fit_pixel_line
@@ -198,6 +200,26 @@ def test_a_deck_of_unknown_height_and_a_line_along_the_horizon_give_no_start():
     observations = observe_lines(FAR, detection(FAR, count=20))[0]
     assert initial_height(observations, None, fine=False) is None
     assert initial_line(observations, 0, np.array([0.0, 0.0, 1.0]), DECK_Z_M) is None
+
+
+@pytest.mark.parametrize(
+    ("reported_m", "fine", "start_m"), [(None, False, DECK_Z_M), (9.0, True, DECK_Z_M), (9.0, False, 9.0)]
+)
+def test_the_start_is_the_depth_cameras_in_fine_mode_or_without_a_reported_height(reported_m, fine, start_m):
+    observations = observe_lines(with_depth(FAR), detection(FAR, count=20))[0]
+    assert initial_height(observations, reported_m, fine) == pytest.approx(start_m, abs=1e-3)
+
+
+def test_a_centre_line_is_compared_with_the_edges_where_it_lies():
+    """Their offsets are unsure at their own points, 100 m before it, and sure there: 2 m off the middle is too much."""
+
+    def fit(x_m, y_m, offset_m=0.0, azimuth_rad=0.0):
+        own = np.array([[offset_m], [azimuth_rad], [0.0]])
+        return LineFit(np.array([x_m, y_m, 0.0]), 0.0, own, *np.zeros((2, 3, 1)))
+
+    for azimuth_rad, is_between in ((0.0, True), (-0.03, False)):
+        fits = {side: fit(-100.0, y_m, 3.0, azimuth_rad) for side, y_m in (("left", -8.0), ("right", 8.0))}
+        assert _is_between(fits | {"centre": fit(0.0, 2.0)}, Deck()) is is_between
 
 
 def test_frame_without_a_pose_is_refused():

@@ -36,9 +36,10 @@ def shift_left_line(metres, turn_rad=0.0):
 
 
 def test_ramp_is_found_within_its_sigma_only_when_in_view():
-    estimate = locate(NEAR, detection(NEAR, count=60))
-    assert 0.1 < estimate.ramp_sigma_m < 3
-    assert np.linalg.norm(estimate.ramp_m - (LEFT.p0_m + RIGHT.p0_m) / 2) < 2 * estimate.ramp_sigma_m
+    for left, right in ((50, 60), (60, 50)):
+        estimate = locate(NEAR, Detection(detection(NEAR, count=left).left, detection(NEAR, count=right).right))
+        assert 0.1 < estimate.ramp_sigma_m < 3
+        assert np.linalg.norm(estimate.ramp_m - (LEFT.p0_m + RIGHT.p0_m) / 2) < 2 * estimate.ramp_sigma_m
     over_deck = approach(-40.0, 4.0)  # the lines leave the image through its lower border
     found = detection(NEAR)
     bottom = float(found.left.points_px[:, 1].max()) + 1.0

@@ -50,6 +50,13 @@ def test_paint_is_found_under_lines_that_lie_on_it():
     assert max(found.excess().values()) < 0
 
 
+@pytest.mark.parametrize(("contrast", "is_painted"), [(0.4, True), (0.2, False)])
+def test_faded_paint_counts_from_a_third_of_the_other_lines_contrast(contrast, is_painted):
+    image = deck(EDGES).astype(float)
+    image[:, :400] = 70.0 + contrast * (image[:, :400] - 70.0)  # the left line's half
+    assert (find_paint(image.astype(np.uint8), line(0.0), line(1.0)).left > 0.5) is is_painted
+
+
 @pytest.mark.parametrize(("left", "right", "side"), [(0.15, 1.0, "left"), (0.0, 0.85, "right"), (-0.1, 1.0, "left")])
 def test_a_line_beside_its_paint_is_measured(left, right, side):
     excess = find(EDGES, left, right).excess()
