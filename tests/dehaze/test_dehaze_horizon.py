@@ -1,19 +1,13 @@
+from functools import partial
+
 import numpy as np
 import pytest
+from sea_scene import draw_horizon
 
 from deckline.dehaze.horizon import Horizon, NoHorizon, find_horizon
 
-AIRLIGHT, WATER = np.array([150.0, 165.0, 180.0]), np.array([45.0, 60.0, 70.0])
 WIDTH, HEIGHT = 320, 200
-
-
-def sea(row: float, slope: float, haze: float, seed: int = 0, noise: float = 2.0) -> np.ndarray:
-    """A plain sky over water that fades towards a line; `haze` in image widths, 0 is clear air."""
-    v, u = np.mgrid[0:HEIGHT, 0:WIDTH]
-    below = (v - row - slope * (u - (WIDTH - 1) / 2)) / WIDTH
-    t = np.where(below > 0, np.exp(-haze / np.maximum(below, 1e-9)), 0)[..., None]
-    waves = np.random.default_rng(seed).normal(0, noise, (HEIGHT, WIDTH, 1))
-    return np.rint(np.clip(AIRLIGHT + t * (WATER - AIRLIGHT + 4 * waves) + waves, 0, 255)).astype(np.uint8)
+sea = partial(draw_horizon, (WIDTH, HEIGHT))
 
 
 @pytest.mark.parametrize("haze", [0.0, 0.02, 0.1])

@@ -64,16 +64,6 @@ def test_decode_is_not_dragged_by_a_far_tail():
     np.testing.assert_allclose(rows.confidence, 0.9, atol=1e-3)  # the tail is another place
 
 
-def test_sigma_grows_with_the_spread():
-    cells = np.arange(GRID.cells + 1)
-    sigmas = [
-        decode(np.tile(-((cells - 60.0) ** 2) / (2 * width**2), (GRID.rows, 1)), GRID).sigma_px[0]
-        for width in (0.4, 0.8, 1.2)
-    ]
-    assert sigmas[0] < sigmas[1] < sigmas[2]
-    assert sigmas[1] == pytest.approx(0.8 * GRID.cell_px, rel=0.1)
-
-
 def test_a_row_between_two_cells_has_a_line_by_its_share_or_by_its_best_class():
     logits = row_logits({40: 0.3, 41: 0.3, -1: 0.4})
     assert np.isnan(decode(logits, GRID).x_px).all()  # the best class is "no line"

@@ -15,7 +15,6 @@ from deckline.detect.search import detect_lines
 from deckline.geometry import Camera, attitude
 from deckline.runtime import shipped_weights
 from deckline.types import DepthMode, Detection, Frame, LinePoints, LineVisibility, RunwayEstimate, RunwayPrior
-from deckline_lab.rivals.classical import ClassicalDetector
 from deckline_sim import SimConfig, frames
 
 CAMERA = Camera.from_fov(1280, 720, np.deg2rad(90))
@@ -154,7 +153,7 @@ def test_what_was_not_seen_whole_replaces_nothing(seen):
     assert memory.predict(later) == before
 
 
-# Priors, right and wrong, on rendered approaches, with the shipped network and the classical finder.
+# Priors, right and wrong, on rendered approaches, with the shipped network.
 APPROACH = SimConfig(
     preset="cvn", trajectory="approach", frames=3, visibility_m=(5000.0, 5000.0), seed=1005, start_m=900.0, end_m=250.0
 )
@@ -229,11 +228,3 @@ def test_without_a_search_a_wrong_prior_ends_in_the_true_lines_or_in_none(blind,
     seen = [(frame, detection) for frame, detection in found if not is_empty(detection)]
     assert all(from_truth_px(frame, detection) < SAME_PX for frame, detection in seen)
     assert seen or (any(error) and not honest)
-
-
-def test_the_classical_finder_searches_the_prior_box(approach):
-    """A bright pair elsewhere makes the whole image ambiguous; the prior's box resolves it."""
-    detector, frame = ClassicalDetector(), approach[2]
-    assert is_empty(detector(frame.image_rgb))
-    found = detector(frame.image_rgb, project_prior(frame, true_runway(frame, 1.0, 0.2)))
-    assert from_truth_px(frame, found) < 3.0

@@ -12,7 +12,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from deckline.config import Localization
 from deckline.geometry import wrap_angle
 from deckline.localize import line_fit
-from deckline.types import DepthMode, Detection, LinePoints, LineVisibility, Reason, Segment
+from deckline.types import SIDES, DepthMode, Detection, LinePoints, LineVisibility, Reason, Segment
 from deckline_lab.rivals.sgd import localize_by_descent
 from runway_scene import (
     ANY_ANGLE,
@@ -103,15 +103,6 @@ def test_a_line_none_of_whose_points_lies_on_its_plane_is_dropped(monkeypatch):
     assert Reason.NO_POINTS in reasons(estimate)
 
 
-@pytest.mark.parametrize("side", ["left", "right"])
-def test_one_line_is_located_exactly(side):
-    found = detection(FAR, PARALLEL_RIGHT)
-    estimate = locate(FAR, replace(found, **{"right" if side == "left" else "left": EMPTY}))
-    assert estimate.seen is LineVisibility.ONE
-    truth = {"left": LEFT, "right": PARALLEL_RIGHT}[side]
-    np.testing.assert_allclose(ramp_error(estimate.lines[side], truth), 0, atol=1e-6)
-
-
 UPSIDE_DOWN = MIDDLE.body_from_camera * RigidTransform.from_rotation(Rotation.from_euler("z", np.pi))
 
 
@@ -156,13 +147,17 @@ def test_outliers_within_the_reach_of_ransac_have_no_weight():
     np.testing.assert_allclose(ramp_error(locate(FAR, exact).lines["left"], LEFT)[:2], 0, atol=1e-4)
 
 
-@pytest.mark.parametrize("roll_deg", [-20.0, 20.0, 75.0])
-def test_rolled_camera_changes_nothing(roll_deg):
+@pytest.mark.parametrize(
+    ("roll_deg", "sides"), [(-20.0, SIDES), (20.0, SIDES), (75.0, SIDES), (1.0, ("left",)), (1.0, ("right",))]
+)
+def test_both_lines_and_each_alone_are_located_exactly_by_a_rolled_camera(roll_deg, sides):
     """At 75 degrees the lines run nearly along the image's rows."""
     frame = approach(90.0, 9.0, roll=np.deg2rad(roll_deg), pitch=-0.08, right=PARALLEL_RIGHT)
-    estimate = locate(frame, detection(frame, PARALLEL_RIGHT))
-    assert estimate.seen is LineVisibility.BOTH
-    for side, truth in (("left", LEFT), ("right", PARALLEL_RIGHT)):
+    hidden = {side: EMPTY for side in SIDES if side not in sides}
+    estimate = locate(frame, replace(detection(frame, PARALLEL_RIGHT), **hidden))
+    assert estimate.seen is (LineVisibility.ONE if hidden else LineVisibility.BOTH)
+    for side in sides:
+        truth = {"left": LEFT, "right": PARALLEL_RIGHT}[side]
         np.testing.assert_allclose(ramp_error(estimate.lines[side], truth), 0, atol=1e-5)
 
 

@@ -13,6 +13,7 @@ from deckline.flight import Flight
 from deckline.geometry import attitude
 from deckline.monitors.attitude import AttitudeMonitor, expect_horizon
 from deckline.types import Detection, LinePoints, Reason
+from dehaze.sea_scene import AIRLIGHT, WATER, ray_z
 from monitors.lenses import LENSES, through_lens
 from track.steady_view import NOTHING, numbers_in, reasons
 
@@ -26,13 +27,9 @@ def at_sea(index, roll_deg=0.0, pitch_deg=-4.0, pose_roll_deg=None, pose_pitch_d
     true = attitude(np.deg2rad(roll_deg), np.deg2rad(pitch_deg), 0.0)
     stated = attitude(np.deg2rad(pose_roll_deg), np.deg2rad(pose_pitch_deg), 0.0)
     plain = frame(index)
-    v, u = np.mgrid[: CAMERA.height, : CAMERA.width]
-    rays = CAMERA.rays(np.column_stack([u.ravel(), v.ravel()]))
-    pose = RigidTransform.from_components(plain.world_from_body.translation, true)
-    down = (pose * plain.body_from_camera).rotation.apply(rays)[:, 2].reshape(v.shape)
-    image = np.where(down[..., None] > 0, (45.0, 60.0, 70.0), (150.0, 165.0, 180.0))
-    image += np.random.default_rng(index).normal(0, 2, (*v.shape, 1))
-    body = RigidTransform.from_components(pose.translation, stated)
+    down = ray_z(RigidTransform.from_rotation(true), CAMERA)[..., None]
+    image = np.where(down > 0, WATER, AIRLIGHT) + np.random.default_rng(index).normal(0, 2, down.shape)
+    body = RigidTransform.from_components(plain.world_from_body.translation, stated)
     return replace(
         plain, image_rgb=np.clip(image, 0, 255).astype(np.uint8), world_from_body=body, time_s=0.5 * index, sea_z_m=0.0
     )

@@ -135,10 +135,9 @@ def test_without_a_stated_width_the_unit_is_one_width(width):
     np.testing.assert_allclose(unit.rotation, belief.rotation, atol=1e-4)
 
 
-def mirrored(sights, rows=False):
-    """The sights of a picture that is mirrored left to right, or top to bottom, its lines named by their place."""
-    flip = np.array([1.0, -1.0, 1.0]) if rows else np.array([-1.0, 1.0, 1.0])
-    names = dict(zip(SIDES, SIDES if rows else SIDES[::-1], strict=True))
+def flipped(sights, across=1):
+    """The sights of a picture flipped top to bottom, and left to right where `across` is -1, named by their place."""
+    flip, names = np.array([across, -1.0, 1.0]), dict(zip(SIDES, SIDES[::across], strict=True))
     return {names[s]: replace(one, rays=one.rays * flip, across=one.across * flip[:2]) for s, one in sights.items()}
 
 
@@ -148,8 +147,8 @@ def upright(u, sigma=1e-3):
     return replace(sights_of(see())["left"], rays=rays, across=np.array([1.0, 0.0]), sigma=np.full(2, sigma))
 
 
-def refusal(sights, horizon=None, mount=CAMERA_MOUNT, config=LEVEL):
-    found = fit_pose(0.0, sights, LevelSight(horizon), mount, shared_sigmas(CAMERA, config), config)
+def refusal(sights, horizon=None):
+    found = fit_pose(0.0, sights, LevelSight(horizon), CAMERA_MOUNT, shared_sigmas(CAMERA, LEVEL), LEVEL)
     return found.reason if isinstance(found, Diagnostic) else found
 
 
@@ -163,24 +162,15 @@ ON_ITS_SIDE = Place(roll=np.deg2rad(80.0), distance_m=100.0, height_m=30.0, late
         ({"left": sights_of(see())["left"]}, Reason.NO_VANISHING_POINT),
         ({"left": upright(-0.2), "right": upright(0.2)}, Reason.NO_VANISHING_POINT),  # parallel in the picture
         ({"left": upright(0.1), "right": upright(0.1)}, Reason.NO_VANISHING_POINT),  # one line twice
-        (mirrored(sights_of(see()), rows=True), Reason.NO_VANISHING_POINT),  # upside down, a staircase
+        (flipped(sights_of(see())), Reason.NO_VANISHING_POINT),  # a staircase
+        (flipped(sights_of(see()), -1), Reason.NO_VANISHING_POINT),  # upside down
         (sights_of(see(ON_ITS_SIDE)), Reason.NO_VANISHING_POINT),
         (dict(zip(SIDES, list(sights_of(see()).values())[::-1], strict=True)), Reason.CROSSED),
     ],
-    ids=["none", "one", "parallel", "same", "up", "side", "crossed"],
+    ids=["none", "one", "parallel", "same", "up", "over", "side", "crossed"],
 )
 def test_what_is_no_runway_ahead_is_refused(sights, reason):
     assert refusal(sights) is reason
-
-
-def test_a_mirrored_picture_is_the_mirrored_approach():
-    place, mount = Place(), camera_mount()
-    seen = sights_of(see(place, mount=mount))
-    one, other = (refusal(sights, mount=Mount.of(mount)) for sights in (seen, mirrored(seen)))
-    sign = [1.0, -1.0, 1.0]
-    np.testing.assert_allclose(other.mean[States.PLACE], sign * one.mean[States.PLACE], atol=0.02)
-    headings = [np.arctan2(belief.rotation[1, 0], belief.rotation[0, 0]) for belief in (one, other)]
-    assert headings[0] == pytest.approx(-headings[1], abs=1e-4)
 
 
 def test_lines_too_unsure_to_show_where_they_meet_are_refused():
@@ -198,15 +188,11 @@ def test_a_horizon_that_contradicts_the_lines_is_refused():
     assert isinstance(refusal(sights_of(see(place)), horizon_sight(place)), Belief)
 
 
-@pytest.mark.parametrize(("widths", "is_believed"), [(LOWEST / 2, False), (0.1, True), (HIGHEST * 2, False)])
+@pytest.mark.parametrize(
+    ("widths", "is_believed"), [(LOWEST / 2, False), (0.1, True), (HIGHEST * 2, False), (np.nan, False)]
+)
 def test_heights_that_no_approach_has_are_refused(widths, is_believed):
-    place = Place(height_m=20.0 * widths)
-    sure = np.diag(np.full(States.SIZE, 1e-4))
-    belief = replace(belief_of(place), covariance=sure)
-    assert isinstance(check_belief(belief, belief, {}, LevelSight(), CAMERA_MOUNT), Belief) is is_believed
-
-
-def test_a_belief_that_is_no_number_is_refused():
-    belief = belief_of()
-    broken = replace(belief, mean=belief.mean * np.nan)
-    assert check_belief(broken, belief, {}, LevelSight(), CAMERA_MOUNT).reason is Reason.NO_VANISHING_POINT
+    belief = replace(belief_of(Place(height_m=20.0 * widths)), covariance=np.diag(np.full(States.SIZE, 1e-4)))
+    found = check_belief(belief, belief, {}, LevelSight(), CAMERA_MOUNT)
+    assert isinstance(found, Belief) is is_believed
+    assert is_believed or found.reason is Reason.NO_VANISHING_POINT

@@ -15,7 +15,6 @@ from runway_picture import (
     Runway,
     belief_of,
     draw_place,
-    horizon_of,
     horizon_sight,
     pose_of,
     see,
@@ -36,7 +35,6 @@ from deckline.picture_pose.model import (
     ramp_innovation,
     update,
 )
-from deckline.picture_pose.sights import sight_horizon
 from deckline.picture_pose.states import Belief, States
 from deckline.types import SIDES
 
@@ -158,14 +156,6 @@ def test_a_painted_line_beside_its_place_leaves_that_residual():
     sights = sights_of(see(place, Runway(width_m=20.8)))
     marking = with_states(belief_of(place), {States.LEFT: -0.4, States.RIGHT: 0.4})
     np.testing.assert_allclose(lines_innovation(marking, sights, CAMERA_MOUNT).residuals, 0.0, atol=1e-5)
-
-
-def test_the_horizons_residual_is_the_angle_that_the_camera_is_turned():
-    mount, level = camera_mount(), Place(roll=0.0, pitch=0.0, heading=0.0)
-    pitch, roll = np.deg2rad([0.5, -0.3])  # the nose up: the horizon is seen lower; rolled left: it falls to the left
-    horizon = horizon_of(replace(level, pitch=pitch, roll=roll), mount=mount)
-    found = horizon_innovation(belief_of(level), sight_horizon(CAMERA, horizon), Mount.of(mount))
-    np.testing.assert_allclose(found.residuals, [-pitch, roll], atol=2e-5)
 
 
 def test_an_update_is_bayes_rule_in_information_form():

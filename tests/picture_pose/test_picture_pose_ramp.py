@@ -11,6 +11,7 @@ from deckline.picture_pose.model import Mount, ramp_innovation
 from deckline.picture_pose.ramp import CONTRADICTED_SIGMA, RampFix, check_closing, sight_ramp
 from deckline.picture_pose.states import ACCELERATION_M_S15, States
 from deckline.types import LinePoints, Reason
+from runway_scene import keep
 
 PLACE = Place(distance_m=120.0, height_m=11.0)
 
@@ -39,27 +40,25 @@ def test_its_distance_does_not_depend_on_that_of_the_belief():
     assert one.sigma_m == pytest.approx(other.sigma_m)
 
 
-@pytest.mark.parametrize("place", [Place(distance_m=-30.0, height_m=4.0), Place(distance_m=8.0, height_m=8.0)])
-def test_there_is_none_where_the_lines_run_out_of_the_picture(place):
-    assert sight(see(place), place) is None
+OVER_DECK, LOW = Place(distance_m=-30.0, height_m=4.0), Place(distance_m=8.0, height_m=8.0)
+SEEN = see(PLACE)
+V = SEEN.left.points_px[:, 1]
+FAR_HALF = keep(SEEN.left, np.median(V) > V)
 
 
-def test_there_is_none_by_one_line():
-    seen = see(PLACE)
-    assert sight(replace(seen, right=LinePoints.empty())) is None
-
-
-def test_ends_that_contradict_each_other_are_none():
-    seen = see(PLACE)
-    cut = seen.left.points_px[:, 1] < np.median(seen.left.points_px[:, 1])
-    half = LinePoints(*(values[cut] for values in (seen.left.points_px, seen.left.confidence, seen.left.sigma_px)))
-    assert sight(replace(seen, left=half)) is None
-
-
-def test_a_searched_part_that_cuts_the_lines_shows_no_ramp():
-    seen = see(PLACE)
-    bottom = seen.left.points_px[:, 1].max() + 1.0
-    assert sight(replace(seen, region_px=(0.0, 0.0, 1279.0, bottom))) is None
+@pytest.mark.parametrize(
+    ("seen", "place"),
+    [
+        (see(OVER_DECK), OVER_DECK),  # the lines run out of the picture
+        (see(LOW), LOW),
+        (replace(SEEN, right=LinePoints.empty()), PLACE),
+        (replace(SEEN, left=FAR_HALF), PLACE),  # ends that contradict each other
+        (replace(SEEN, region_px=(0.0, 0.0, 1279.0, V.max() + 1.0)), PLACE),  # the searched part cuts the lines
+    ],
+    ids=["over deck", "low", "one line", "ends apart", "cut"],
+)
+def test_lines_whose_near_ends_are_not_seen_show_no_ramp(seen, place):
+    assert sight(seen, place) is None
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])

@@ -4,13 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from runway_picture import CAMERA, CAMERA_MOUNT, SIGMA_PX, Place, belief_of, pixel_lines, see, sights_of
+from runway_picture import CAMERA, SIGMA_PX, pixel_lines, see, sights_of
 
 from deckline.dehaze.horizon import Horizon
 from deckline.localize.observations import ROW_SIGMA_PX
-from deckline.picture_pose.model import horizon_innovation
 from deckline.picture_pose.sights import sight_horizon, sight_lines
-from deckline.picture_pose.states import DIP_RAD
 from deckline.types import SIDES, Detection, LinePoints, PixelLine
 
 ROWS = np.linspace(400.0, 700.0, 31)
@@ -24,19 +22,6 @@ def upright(offsets_px: np.ndarray, sigma_px: float = SIGMA_PX) -> Detection:
 
 def left_sight(detection: Detection, camera=CAMERA):
     return sight_lines(camera, detection, pixel_lines(detection))["left"]
-
-
-def test_an_upright_line_has_the_errors_of_a_regression():
-    sight = left_sight(upright(np.zeros(31)))
-    assert sight.rays.shape == (2, 3)
-    np.testing.assert_allclose(sight.rays[:, 0], (500.0 - CAMERA.cx) / CAMERA.fx)
-    assert abs(sight.across[0]) == pytest.approx(1.0)
-    sigma = SIGMA_PX / CAMERA.fx
-    offset_sigma = sigma / np.sqrt(31)
-    turn_sigma = sigma / np.sqrt(np.sum((ROWS - ROWS.mean()) ** 2)) * CAMERA.fy
-    half = (sight.rays[1, 1] - sight.rays[0, 1]) / 2
-    assert np.sqrt(np.sum(sight.sigma**2)) / 2 == pytest.approx(offset_sigma)
-    assert np.sqrt(np.sum(sight.sigma**2)) / abs(2 * half) == pytest.approx(turn_sigma)
 
 
 def test_a_turned_line_counts_the_error_of_its_rows():
@@ -104,11 +89,3 @@ def test_a_horizon_keeps_its_angle_and_sigma_with_pixels_that_are_not_square():
     np.testing.assert_allclose(sight.middle, [0.0, 0.1, 1.0])
     assert (sight.slope, sight.slope_sigma) == pytest.approx((0.01, 0.002))
     assert sight.sigma == pytest.approx(2.0 / tall.fy)
-
-
-def test_a_horizon_of_the_middle_row_is_that_of_a_level_camera():
-    level = Place(roll=0.0, pitch=0.0, heading=0.0)
-    sight = sight_horizon(CAMERA, Horizon(CAMERA.width, CAMERA.cy, 1.0, 0.0, 0.001))
-    down = 0.05  # of the mount
-    off = horizon_innovation(belief_of(level), sight, CAMERA_MOUNT).residuals[0]
-    assert off == pytest.approx(-np.sin(down) + DIP_RAD)

@@ -6,17 +6,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from runway_picture import CAMERA, IN_WIDTHS, LEVEL, Place, Runway, belief_of, draw_place
-from scipy.spatial.transform import Rotation
+from runway_picture import CAMERA, IN_WIDTHS, LEVEL, Runway, belief_of, draw_place
 
-from deckline.config import USUAL_WIDTH_M, Deck, PicturePose, RunConfig, Sensors
+from deckline.config import Deck, PicturePose, RunConfig, Sensors
 from deckline.geometry import Camera
 from deckline.picture_pose.states import (
     POINT_PER_FOCAL,
     TURN_SIGMA_RAD_S,
     TURN_TIME_S,
     States,
-    initial_belief,
     line_rows,
     predict,
     shared_sigmas,
@@ -34,15 +32,6 @@ def random_belief(seed):
     mean = start.mean + rng.normal(0, 1.0, States.SIZE) * scale
     mean[States.ATTITUDE] = 0.0
     return replace(start, mean=mean, covariance=mixed @ mixed.T)
-
-
-def test_a_step_of_the_attitude_turns_about_the_runways_axes():
-    belief = belief_of(Place(roll=0.0, pitch=0.0, heading=0.3))
-    step = np.zeros(States.SIZE)
-    step[States.ATTITUDE] = 0.0, 0.0, 0.1
-    moved = belief.move(step, belief.covariance)
-    assert Rotation.from_matrix(moved.rotation).as_euler("ZYX")[0] == pytest.approx(0.4)
-    assert moved.mean[States.ATTITUDE].tolist() == [0.0, 0.0, 0.0]
 
 
 @given(seed=st.integers(0, 1000))
@@ -82,25 +71,15 @@ def test_what_is_stated_of_camera_and_deck_is_the_prior():
     assert sigma[-2:] == pytest.approx(np.deg2rad(0.05))  # of an attitude sensor
     slope, cant = sigma[[States.SLOPE - States.SHARED.start, States.CANT - States.SHARED.start]]
     assert (slope, cant) == pytest.approx((config.deck.motion.pitch_rad, config.deck.motion.roll_rad))
+    rolled = belief_of(config=replace(LEVEL, picture=PicturePose(roll_sigma_deg=2.0)))
+    assert rolled.sigma(States.ATTITUDE.start) == pytest.approx(np.deg2rad(2.0))
 
 
-def test_an_assumed_camera_has_a_wide_focal_length_and_principal_point():
-    sigma = shared_sigmas(Camera.assumed(1280, 720), LEVEL)
-    assert sigma[0] == pytest.approx(0.35)
-    assert sigma[1:3] == pytest.approx([0.35 * POINT_PER_FOCAL] * 2)
-
-
-def test_without_a_stated_width_it_is_the_unit():
-    sigma = shared_sigmas(CAMERA, IN_WIDTHS)
-    assert sigma[States.WIDTH - States.SHARED.start] < 1e-4
-    start = initial_belief(0.0, np.eye(3), np.array([100.0, 0.0, 10.0]), sigma, IN_WIDTHS)
-    assert start.mean[States.WIDTH] == USUAL_WIDTH_M
-
-
-def test_the_prior_of_the_roll_is_what_is_stated():
-    config = replace(LEVEL, picture=PicturePose(roll_sigma_deg=2.0))
-    start = initial_belief(0.0, np.eye(3), np.array([100.0, 0.0, 10.0]), SHARED, config)
-    assert start.sigma(States.ATTITUDE.start) == pytest.approx(np.deg2rad(2.0))
+def test_what_is_not_stated_has_a_usual_prior():
+    """A wide focal length and principal point of an assumed camera; the width is the unit."""
+    focal, *point = shared_sigmas(Camera.assumed(1280, 720), LEVEL)[:3]
+    assert (focal, point) == (pytest.approx(0.35), pytest.approx([0.35 * POINT_PER_FOCAL] * 2))
+    assert shared_sigmas(CAMERA, IN_WIDTHS)[States.WIDTH - States.SHARED.start] < 1e-4
 
 
 def in_steps(belief, time_s, count):
