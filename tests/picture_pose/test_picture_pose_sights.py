@@ -4,11 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from runway_picture import CAMERA, SIGMA_PX, pixel_lines, see, sights_of
+from runway_picture import CAMERA, CAMERA_MOUNT, SIGMA_PX, Place, belief_of, pixel_lines, see, sights_of
 
 from deckline.dehaze.horizon import Horizon
 from deckline.localize.observations import ROW_SIGMA_PX
+from deckline.picture_pose.model import horizon_innovation
 from deckline.picture_pose.sights import sight_horizon, sight_lines
+from deckline.picture_pose.states import DIP_RAD
 from deckline.types import SIDES, Detection, LinePoints, PixelLine
 
 ROWS = np.linspace(400.0, 700.0, 31)
@@ -89,3 +91,11 @@ def test_a_horizon_keeps_its_angle_and_sigma_with_pixels_that_are_not_square():
     np.testing.assert_allclose(sight.middle, [0.0, 0.1, 1.0])
     assert (sight.slope, sight.slope_sigma) == pytest.approx((0.01, 0.002))
     assert sight.sigma == pytest.approx(2.0 / tall.fy)
+
+
+def test_a_horizon_of_the_middle_row_is_that_of_a_level_camera():
+    level = Place(roll=0.0, pitch=0.0, heading=0.0)
+    sight = sight_horizon(CAMERA, Horizon(CAMERA.width, CAMERA.cy, 1.0, 0.0, 0.001))
+    down = 0.05  # of the mount
+    off = horizon_innovation(belief_of(level), sight, CAMERA_MOUNT).residuals[0]
+    assert off == pytest.approx(-np.sin(down) + DIP_RAD)
