@@ -5,6 +5,7 @@ Messages are classes made of their definitions, with those fields and no others.
 
 import sys
 import time
+from itertools import accumulate
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
@@ -142,7 +143,6 @@ def install(monkeypatch):
             "ReliabilityPolicy": policies["reliability"],
             "DurabilityPolicy": policies["durability"],
         },
-        "rcl_interfaces": {},
         "rcl_interfaces.msg": {
             "ParameterDescriptor": record,
             "FloatingPointRange": record,
@@ -152,21 +152,18 @@ def install(monkeypatch):
         "launch.actions": dict.fromkeys(("DeclareLaunchArgument", "EmitEvent", "RegisterEventHandler"), action),
         "launch.events": {"matches_action": lambda node: node},
         "launch.substitutions": {"LaunchConfiguration": lambda name: f"${name}"},
-        "launch_ros": {},
         "launch_ros.actions": {"LifecycleNode": action},
         "launch_ros.event_handlers": {"OnStateTransition": action},
-        "launch_ros.events": {},
         "launch_ros.events.lifecycle": {"ChangeState": action},
         "launch_ros.parameter_descriptions": {"ParameterValue": action},
-        "lifecycle_msgs": {},
         "lifecycle_msgs.msg": {"Transition": SimpleNamespace(TRANSITION_CONFIGURE=1, TRANSITION_ACTIVATE=3)},
-        **{name: {} for name in PACKAGES},
         **{
             f"{name}.msg": {kind: message_class(f"{name}/msg/{kind}") for kind in kinds}
             for name, kinds in PACKAGES.items()
         },
     }
-    for name, values in parts.items():
+    parents = {parent: {} for name in parts for parent in accumulate(name.split("."), "{}.{}".format)}
+    for name, values in (parents | parts).items():
         module = ModuleType(name)
         vars(module).update(values)
         monkeypatch.setitem(sys.modules, name, module)
