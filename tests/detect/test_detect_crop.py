@@ -25,13 +25,7 @@ def centroid(image: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    "window",
-    [
-        full_crop((1280, 720), NET),
-        Crop(300.0, 200.0, 0.25),
-        Crop(250.3, 120.7, 0.8),
-        Crop(-100.0, -60.0, 3.1),
-    ],
+    "window", [full_crop((1280, 720), NET), Crop(300.0, 200.0, 0.25), Crop(250.3, 120.7, 0.8), Crop(-100.0, -60.0, 3.1)]
 )
 def test_a_spot_is_seen_where_the_window_has_it(window):
     u, v = 371.3, 236.8

@@ -136,10 +136,9 @@ def test_a_turn_and_a_zoom_are_measured_in_noise(degrees, zoom, shift):
 
 @pytest.mark.parametrize("ahead_m", [6.5, 0.0])  # flying, and hovering without any baseline
 def test_noise_falls_by_the_square_root_of_the_number(ahead_m):
-    frames = [take(k, ahead_m=ahead_m, aside_m=ahead_m / 20) for k in range(8)]
     how = {"ahead_m": ahead_m, "aside_m": ahead_m / 20}
-    one, several = sample_crop(frames[-1].image_rgb, CROP, SIZE), join(frames)
-    truth = clean(7, **how)
+    frames = [take(k, **how) for k in range(8)]
+    one, several, truth = sample_crop(frames[-1].image_rgb, CROP, SIZE), join(frames), clean(7, **how)
     assert several.frames == 8
     assert several.noise_gain == pytest.approx(1 / np.sqrt(8), rel=0.05)
     assert rms(several.pixels - truth) / rms(one - truth) < 1.2 / np.sqrt(8)
@@ -158,13 +157,6 @@ def test_pictures_tell_how_fast_a_place_comes_nearer():
     assert motion.expansion_per_s == pytest.approx(120.0 / 516.0, abs=0.03)
 
 
-def test_a_scene_cut_and_a_picture_of_another_size_are_left_out_without_poses():
-    assert join_pictures([take(k, seed=9) for k in range(5)] + [take(k) for k in range(5, 8)]).frames == 3
-    assert join_pictures([take(k, seed=9) for k in range(7)] + [take(7)]) is None
-    small = replace(take(0), image_rgb=take(0).image_rgb[::2, ::2], camera=Camera(128, 72, 320.0, 320.0, 63.5, 35.5))
-    assert join_pictures([small, take(1), take(2)]).frames == 2
-
-
 def test_the_contrast_floor_falls_with_the_noise():
     faint = np.zeros((288, 512, 3), np.float32)
     faint[:, ::2] = 2.0  # contrast of one grey level
@@ -172,12 +164,13 @@ def test_the_contrast_floor_falls_with_the_noise():
     assert np.std(normalise(faint, CONTRAST_FLOOR / np.sqrt(8))) == pytest.approx(np.sqrt(8) / CONTRAST_FLOOR, rel=0.01)
 
 
-def test_a_scene_cut_and_another_flight_are_left_out():
-    after_cut = [take(k, seed=9) for k in range(5)] + [take(k) for k in range(5, 8)]
-    assert join(after_cut).frames == 3
-    mixed = [take(k, seed=9 * (k % 2 == 0)) for k in range(8)]
-    assert join(mixed).frames == 4
-    assert join([take(k, seed=9) for k in range(7)] + [take(7)]) is None
+@pytest.mark.parametrize("join", [join, join_pictures])
+def test_a_scene_cut_another_flight_and_a_picture_of_another_size_are_left_out(join):
+    assert join([take(k, seed=9 * (k < 5)) for k in range(8)]).frames == 3
+    assert join([take(k, seed=9 * (k % 2 == 0)) for k in range(8)]).frames == 4
+    assert join([take(k, seed=9 * (k < 7)) for k in range(8)]) is None
+    small = replace(take(0), image_rgb=take(0).image_rgb[::2, ::2], camera=Camera(128, 72, 320.0, 320.0, 63.5, 35.5))
+    assert join([small, take(1), take(2)]).frames == 2
 
 
 def test_a_pose_that_jumps_leaves_no_smeared_picture():
