@@ -104,16 +104,31 @@ def with_depth(frame: Frame, range_m: float = 400.0) -> Frame:
     return replace(frame, depth_m=depth_of_plane(frame, np.array([0.0, 0.0, DECK_Z_M]), np.zeros(3), range_m))
 
 
-def line_points(frame: Frame, line: Segment, count: int = 40, sigma_px: float = 0.5) -> LinePoints:
-    """Exact points of a line, about evenly spaced in the image's rows, those inside the image."""
-    pose = frame.world_from_camera
-    near = line.p0_m + np.linspace(0, 1, 4000)[:, None] * (line.p1_m - line.p0_m)
-    pixels = frame.camera.project(pose.inv().apply(near))
-    inside = np.all((pixels >= 1) & (pixels <= [frame.camera.width - 2, frame.camera.height - 2]), axis=1)
-    near, pixels = near[inside], pixels[inside]
+def spaced_pixels(camera: Camera, optical_m: np.ndarray, count: int) -> np.ndarray:
+    """Pixels (count, 2) of a line's points (N, 3) from its near end on, about evenly spaced in rows; (0, 2): none."""
+    pixels = camera.project(optical_m)
+    pixels = pixels[np.all((pixels >= 1) & (pixels <= [camera.width - 2, camera.height - 2]), axis=1)]
+    if not len(pixels):
+        return pixels
     rows = np.linspace(pixels[0, 1], pixels[-1, 1], count)
-    chosen = pixels[np.searchsorted(-pixels[:, 1], -rows).clip(0, len(pixels) - 1)]
-    return LinePoints(chosen, np.full(count, 0.9), np.full(count, sigma_px))
+    return pixels[np.searchsorted(-pixels[:, 1], -rows).clip(0, len(pixels) - 1)]
+
+
+def horizon_line(camera: Camera, optical: Rotation, dip_rad: float = 0.0) -> tuple[float, float]:
+    """Row in the middle column, and slope, of the line so far below level, as a camera with this attitude sees it."""
+    view = optical.apply([0.0, 0.0, 1.0])
+    azimuths = np.arctan2(view[1], view[0]) + np.deg2rad([-0.5, 0.5])
+    far = np.column_stack([np.cos(azimuths), np.sin(azimuths), np.full(2, np.tan(dip_rad))])
+    (u0, v0), (u1, v1) = camera.project(optical.inv().apply(far))
+    slope = (v1 - v0) / (u1 - u0)
+    return float(v0 + slope * ((camera.width - 1) / 2 - u0)), float(slope)
+
+
+def line_points(frame: Frame, line: Segment, count: int = 40, sigma_px: float = 0.5) -> LinePoints:
+    """Exact points of a line inside the image."""
+    along = line.p0_m + np.linspace(0, 1, 4000)[:, None] * (line.p1_m - line.p0_m)
+    pixels = spaced_pixels(frame.camera, frame.world_from_camera.inv().apply(along), count)
+    return LinePoints(pixels, np.full(count, 0.9), np.full(count, sigma_px))
 
 
 def detection(frame: Frame, right: Segment = RIGHT, count: int = 40, sigma_px: float = 0.5) -> Detection:

@@ -10,6 +10,7 @@ from deckline.config import Deck, RunConfig, Sensors
 from deckline.dehaze.horizon import Horizon
 from deckline.geometry import Camera, attitude, camera_mount
 from deckline.types import Detection, Frame, LinePoints
+from runway_scene import horizon_line
 
 STATED = Camera.from_fov(960, 540, np.deg2rad(80))
 MOUNT = camera_mount([1.0, 0.2, 0.3], attitude(0.0, -0.05, 0.0))
@@ -130,13 +131,7 @@ def _see(points: np.ndarray, optical: RigidTransform, drawn: Drawn, rng: np.rand
 
 
 def _horizon(optical: RigidTransform, drawn: Drawn, rng: np.random.Generator) -> Horizon:
-    """Two far points at the height of the eye, less the dip of 40 m, within a noise of 3 px."""
-    camera = drawn.off.camera(drawn.distortion)
-    dip = np.sqrt(2 * -optical.translation[2] / 6.371e6)
-    view = optical.rotation.apply([0.0, 0.0, 1.0])
-    heading = np.arctan2(view[1], view[0])
-    ends = [[np.cos(heading + turn), np.sin(heading + turn), np.tan(dip)] for turn in (-0.2, 0.2)]
-    (u0, v0), (u1, v1) = camera.project(optical.rotation.inv().apply(ends))
-    slope = (v1 - v0) / (u1 - u0)
-    middle = v0 + slope * ((camera.width - 1) / 2 - u0)
+    """The sea's horizon within a noise of 3 px."""
+    dip_rad = np.sqrt(2 * -optical.translation[2] / 6.371e6)
+    middle, slope = horizon_line(drawn.off.camera(drawn.distortion), optical.rotation, dip_rad)
     return Horizon(960, middle + rng.normal(0, 3.0), 3.0, slope + rng.normal(0, 0.01), 0.01)

@@ -1,6 +1,7 @@
 """`deckline calibrate` on a rendered approach, and guidance before and after it."""
 
 import csv
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -27,16 +28,8 @@ DECK = "[deck]\nsea_state = 0.0\nship_velocity_m_s = [0.0, 0.0]\nwidth_m = 14.85
 def approach(tmp_path_factory):
     """A rendered approach as a folder of images with late poses by time, without a camera file; and its frames."""
     base = tmp_path_factory.mktemp("approach")
-    air = SimConfig(
-        frames=30,
-        seed=7,
-        width=960,
-        height=540,
-        visibility_m=(3000.0, 3000.0),
-        keep_clear=False,
-        start_m=400.0,
-        flight=FlightConfig(speed_m_s=60.0),
-    )
+    air = SimConfig(frames=30, seed=7, width=960, height=540, visibility_m=(3000.0, 3000.0), keep_clear=False)
+    air = replace(air, start_m=400.0, flight=FlightConfig(speed_m_s=60.0))
     simulate(air, base / "true", "png", 1)
     frames = list(open_recording(base / "true"))
     folder = base / "stated"

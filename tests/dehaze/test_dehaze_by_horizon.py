@@ -7,9 +7,10 @@ from sea_scene import CAMERA, frame_of, sea_pair, world_from_body
 from deckline.dehaze.base import IdentityDehazer
 from deckline.dehaze.by_horizon import HorizonDehazer, attitude_from_horizon, find_horizon_of
 from deckline.dehaze.horizon import Horizon, NoHorizon
-from deckline.geometry import Camera
+from deckline.geometry import Camera, camera_mount
 from deckline.haze import beta_from_visibility
 from deckline_lab.evaluation.metrics import psnr_db
+from runway_scene import horizon_line
 
 HEIGHT_M = 60.0
 
@@ -21,16 +22,10 @@ def alone(image: np.ndarray) -> object:
 @pytest.mark.parametrize(("pitch_deg", "roll_deg"), [(-8.0, 3.0), (5.0, -20.0), (0.0, 0.0)])
 def test_a_horizon_gives_the_attitude_that_drew_it(pitch_deg: float, roll_deg: float) -> None:
     camera = replace(CAMERA, cx=CAMERA.cx + 12, cy=CAMERA.cy - 7)
-    true = (
-        world_from_body(pitch_deg, roll_deg) * frame_of(np.zeros((180, 320, 3), np.uint8)).body_from_camera
-    ).rotation
-    down = true.as_matrix()[2]
-    x = np.array([-0.3, 0.3])
-    ends = camera.project(np.stack([x, -(down[2] + down[0] * x) / down[1], np.ones(2)], axis=1))
-    slope = (ends[1, 1] - ends[0, 1]) / (ends[1, 0] - ends[0, 0])
-    middle = ends[0, 1] + slope * ((camera.width - 1) / 2 - ends[0, 0])
+    true = (world_from_body(pitch_deg, roll_deg) * camera_mount()).rotation
+    middle, slope = horizon_line(camera, true)
     found = attitude_from_horizon(camera, Horizon(camera.width, middle, 1.0, slope, 0.01))
-    np.testing.assert_allclose(found.as_matrix()[2], down, atol=1e-9)
+    np.testing.assert_allclose(found.as_matrix()[2], true.as_matrix()[2], atol=1e-9)
 
 
 @pytest.mark.parametrize("visibility_m", [800.0, 2000.0])

@@ -3,9 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from approach_scene import frame
+from approach_scene import Halved, frame
 from deckline.config import Models
-from deckline.dehaze import DEHAZERS, DehazeResult, dehaze_for_display, dehaze_frame
+from deckline.dehaze import DehazeResult, dehaze_for_display, dehaze_frame
 from deckline.dehaze.base import IdentityDehazer
 from deckline.geometry import Camera
 from deckline.types import Value
@@ -44,14 +44,9 @@ def test_a_frame_that_the_dehazer_refuses_is_shown_as_it_is_with_the_reason():
         dehaze_frame(frame(), Refusing())
 
 
-def test_strength_and_a_missing_pose_leave_the_picture():
-    rng = np.random.default_rng(0)
-    at = replace(frame(), image_rgb=rng.integers(0, 256, (180, 320, 3), dtype=np.uint8), truth=None)
-    geometry = DEHAZERS["geometry"]()
-    np.testing.assert_array_equal(dehaze_frame(at, geometry, Models(strength=0.0)).image_rgb, at.image_rgb)
-    blind = dehaze_frame(replace(at, world_from_body=None), geometry)
-    np.testing.assert_array_equal(blind.image_rgb, at.image_rgb)
-    assert blind.note
+@pytest.mark.parametrize(("strength", "level"), [(0.0, 120), (0.5, 90), (1.0, 60)])
+def test_the_stated_strength_is_used(strength, level):
+    assert np.all(dehaze_frame(frame(), Halved(), Models(strength=strength)).image_rgb == level)
 
 
 @pytest.mark.parametrize("is_assumed", [True, False])

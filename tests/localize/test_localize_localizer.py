@@ -220,12 +220,7 @@ def test_source_of_the_mode_is_believed_when_depth_and_deck_height_contradict(ra
 
 @pytest.mark.parametrize(
     ("range_m", "deck_off_m", "asked", "agrees"),
-    [
-        (75.0, 0.0, "auto", True),
-        (75.0, 5.0, "auto", False),
-        (75.0, 0.0, "coarse", False),
-        (62.0, 0.0, "auto", False),
-    ],
+    [(75.0, 0.0, "auto", True), (75.0, 5.0, "auto", False), (75.0, 0.0, "coarse", False), (62.0, 0.0, "auto", False)],
 )
 def test_a_depth_camera_that_sees_a_part_of_the_lines_confirms_the_height(range_m, deck_off_m, asked, agrees):
     frame = with_depth(approach(60.0, 6.0, right=PARALLEL_RIGHT), range_m)
@@ -308,6 +303,12 @@ def test_estimate_is_invariant_under_motions_of_the_world(turn, north, east, see
         np.testing.assert_allclose(other[name].covariance, one[name].covariance, rtol=1e-2, atol=1e-7)
 
 
+def raise_deck(frame, reported_z_m=-20.0):
+    """The frame over a deck 20 m above the world's origin: z is down, so its height is -20 m."""
+    raised = RigidTransform.from_translation([0.0, 0.0, -20.0 - DECK_Z_M]) * frame.world_from_body
+    return replace(frame, world_from_body=raised, deck_z_m=reported_z_m)
+
+
 @pytest.mark.parametrize(
     ("width_m", "reported_z_m", "known_width_m", "flagged"),
     [
@@ -319,12 +320,9 @@ def test_estimate_is_invariant_under_motions_of_the_world(turn, north, east, see
     ],
 )
 def test_deck_height_of_the_wrong_sign_is_flagged(width_m, reported_z_m, known_width_m, flagged):
-    """A deck 20 m above the world's origin: z is down, so its height is -20 m."""
     right = Segment(LEFT.p0_m + width_m * LATERAL, LEFT.p1_m + width_m * LATERAL)
     frame = approach(90.0, 15.0, right=right)
-    raised = RigidTransform.from_translation([0.0, 0.0, -20.0 - DECK_Z_M]) * frame.world_from_body
-    reported = replace(frame, world_from_body=raised, deck_z_m=reported_z_m)
-    estimate = locate(reported, detection(frame, right), still_deck(width_m=known_width_m))
+    estimate = locate(raise_deck(frame, reported_z_m), detection(frame, right), still_deck(width_m=known_width_m))
     assert estimate.seen is LineVisibility.BOTH
     assert [flag.reason for flag in estimate.flags] == [Reason.DECK_SIGN] * flagged
     assert not flagged or ("20 m" in estimate.flags[0].message and "55 m" in estimate.flags[0].message)
@@ -333,7 +331,5 @@ def test_deck_height_of_the_wrong_sign_is_flagged(width_m, reported_z_m, known_w
 @pytest.mark.parametrize(("sea_z_m", "flagged"), [(None, False), (0.0, False), (-20.0, True), (-25.0, True)])
 def test_a_deck_at_the_water_or_below_is_flagged_whatever_the_width(sea_z_m, flagged):
     seen = approach(90.0, 15.0)
-    raised = RigidTransform.from_translation([0.0, 0.0, -20.0 - DECK_Z_M]) * seen.world_from_body
-    reported = replace(seen, world_from_body=raised, deck_z_m=-20.0, sea_z_m=sea_z_m)
-    estimate = locate(reported, detection(seen), still_deck(width_m=16.0))
+    estimate = locate(replace(raise_deck(seen), sea_z_m=sea_z_m), detection(seen), still_deck(width_m=16.0))
     assert [flag.reason for flag in estimate.flags] == [Reason.DECK_SIGN] * flagged

@@ -21,6 +21,7 @@ from deckline.picture_pose.model import Mount
 from deckline.picture_pose.sights import HorizonSight, LineSight, sight_horizon, sight_lines
 from deckline.picture_pose.states import DIP_RAD, Belief, States, initial_belief, shared_sigmas
 from deckline.types import SIDES, Detection, Diagnostics, Frame, LinePoints, PixelLine, Reason
+from runway_scene import horizon_line, spaced_pixels
 
 CAMERA = Camera.from_fov(1280, 720, np.deg2rad(60))
 MOUNT = camera_mount([0.4, 0.1, 0.2], Rotation.from_euler("y", -0.05))
@@ -95,12 +96,9 @@ def see(
 def _points(
     optical_m: np.ndarray, camera: Camera, rng: np.random.Generator | None, count: int, sigma_px: float
 ) -> LinePoints:
-    pixels = camera.project(optical_m)
-    pixels = pixels[np.all((pixels >= 1) & (pixels <= [camera.width - 2, camera.height - 2]), axis=1)]
-    if not len(pixels):
+    chosen = spaced_pixels(camera, optical_m, count)
+    if not len(chosen):
         return LinePoints.empty()
-    rows = np.linspace(pixels[0, 1], pixels[-1, 1], count)
-    chosen = pixels[np.searchsorted(-pixels[:, 1], -rows).clip(0, len(pixels) - 1)]
     if rng is not None:
         chosen = chosen + np.column_stack([sigma_px * correlated(rng, count), np.zeros(count)])
     return LinePoints(chosen, np.full(count, 0.9), np.full(count, sigma_px))
@@ -134,12 +132,7 @@ def horizon_of(
     place: Place, camera: Camera = CAMERA, mount: RigidTransform = MOUNT, rng: np.random.Generator | None = None
 ) -> Horizon:
     """The sea's horizon `DIP_RAD` below level in the picture; with `rng` it errs by its sigma."""
-    view = (RigidTransform.from_rotation(attitude(place.roll, place.pitch, place.heading)) * mount).rotation.inv()
-    azimuths = place.heading + np.deg2rad([-0.5, 0.5])
-    away = np.column_stack([np.cos(azimuths), np.sin(azimuths), np.full(2, np.tan(DIP_RAD))])
-    (u0, v0), (u1, v1) = camera.project(view.apply(away))
-    slope = (v1 - v0) / (u1 - u0)
-    middle = v0 + slope * ((camera.width - 1) / 2 - u0)
+    middle, slope = horizon_line(camera, (pose_of(place) * mount).rotation, DIP_RAD)
     sigma_px, slope_sigma = 1.0, 0.0015
     off = np.zeros(2) if rng is None else rng.normal(0, [sigma_px, slope_sigma])
     return Horizon(camera.width, float(middle + off[0]), sigma_px, float(slope + off[1]), slope_sigma)
@@ -173,6 +166,12 @@ def draw_place(rng: np.random.Generator, roll_sigma: float = np.deg2rad(2.0)) ->
     height = (distance + TOUCHDOWN_M) * GLIDESLOPE * rng.uniform(0.7, 1.3)
     lateral = rng.uniform(-0.05, 0.05) * distance
     return Place(distance, lateral, height, rng.normal(0, roll_sigma), rng.normal(0, 0.02), rng.normal(0, 0.04))
+
+
+def is_near(belief: Belief, place: Place, sigmas: float) -> bool:
+    """Whether no error is larger than so many of its 1-sigma."""
+    off, sigma = errors_of(belief, place)
+    return bool(np.all(np.abs(off) < sigmas * sigma))
 
 
 def errors_of(belief: Belief, place: Place) -> tuple[np.ndarray, np.ndarray]:

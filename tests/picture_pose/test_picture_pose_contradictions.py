@@ -13,6 +13,7 @@ from runway_picture import (
     errors_of,
     frame_at,
     horizon_of,
+    is_near,
     reasons,
     seconds,
     see,
@@ -29,8 +30,7 @@ def test_a_line_that_contradicts_the_track_is_left_out_and_later_flagged(followe
         assert answer.track.state is TrackState.TRACKING
         assert reasons(answer.track.excluded) == [Reason.LEFT]
         assert reasons(answer.track.flags) == [Reason.LEFT] * (age / RATE_HZ > LEVEL.integrity.persist_s)
-    off, sigma = errors_of(follower.belief, FLIGHT(2.5))
-    assert np.all(np.abs(off) < 4 * sigma)
+    assert is_near(follower.belief, FLIGHT(2.5), 4)
     (well,) = follower.follow(FLIGHT, [2.6])
     assert (well.track.excluded, well.track.flags) == ((), ())
 
@@ -56,8 +56,7 @@ def test_lines_that_contradict_the_track_for_long_begin_a_new_one(follower):
     (began,) = [time_s for time_s, (_, why, _) in states.items() if Reason.RESTARTED in why]
     assert began == pytest.approx(1.9 + LEVEL.tracking.reacquire_s, abs=1.5 / RATE_HZ)
     assert states[began][2] == 0.0
-    off, sigma = errors_of(follower.belief, replace(FLIGHT(3.4), lateral_m=FLIGHT(3.4).lateral_m + 30.0))
-    assert np.all(np.abs(off) < 4 * sigma)
+    assert is_near(follower.belief, replace(place, lateral_m=place.lateral_m + 30.0), 4)
 
 
 def test_a_horizon_that_contradicts_the_track_is_flagged_and_not_used(monkeypatch):
@@ -69,8 +68,7 @@ def test_a_horizon_that_contradicts_the_track_is_flagged_and_not_used(monkeypatc
     answers = follower.follow(FLIGHT, seconds(0.0, 2.0))
     assert answers[9].track.flags == ()
     assert reasons(answers[-1].track.flags) == [Reason.ATTITUDE]
-    off, sigma = errors_of(follower.belief, FLIGHT(1.9))
-    assert np.all(np.abs(off) < 3 * sigma)
+    assert is_near(follower.belief, FLIGHT(1.9), 3)
 
 
 def test_one_frame_that_contradicts_the_track_is_no_doubt_and_many_are(follower):

@@ -15,6 +15,7 @@ from runway_picture import (
     fly,
     frame_at,
     horizon_sight,
+    is_near,
     reasons,
     seconds,
     see,
@@ -36,14 +37,13 @@ NOTHING = Detection(LinePoints.empty(), LinePoints.empty())
 
 def test_the_pose_is_followed_and_labelled(follower):
     answers = follower.follow(FLIGHT, seconds(0.0, 3.0), np.random.default_rng(1))
-    last, place = answers[-1], FLIGHT(2.9)
+    last = answers[-1]
     assert last.frame.pose_source is PoseSource.PICTURE
     assert not last.frame.in_widths
     assert last.track.state is TrackState.TRACKING
     assert last.track.age_s == pytest.approx(2.9)
     assert (last.track.flags, last.track.doubts) == ((), ())
-    off, sigma = errors_of(follower.belief, place)
-    assert np.all(np.abs(off) < 3.5 * sigma)
+    assert is_near(follower.belief, FLIGHT(2.9), 3.5)
     assert last.track.closing_m_s.value == pytest.approx(40.0, abs=4 * last.track.closing_m_s.sigma)
 
 
@@ -59,14 +59,12 @@ def test_one_horizon_is_not_enough(follower):
 
 def test_an_attitude_in_place_of_a_horizon(blind):
     """A sensor's roll and pitch confirm the lines, and a sensor that contradicts them is flagged."""
-    place = FLIGHT(0.0)
     for time_s in seconds(0.0, 2.0):
         place = FLIGHT(time_s)
         tilted = replace(frame_at(time_s), level_from_body=attitude(place.roll, place.pitch, 0.7))
         found = blind(tilted, see(place))
     assert (found.track.flags, found.track.doubts) == ((), ())
-    off, sigma = errors_of(blind.belief, place)
-    assert np.all(np.abs(off) < 3.5 * sigma)
+    assert is_near(blind.belief, place, 3.5)
     wrong = replace(frame_at(2.0), level_from_body=attitude(place.roll + 0.1, place.pitch, 0.7))
     assert Reason.ATTITUDE in reasons(blind(wrong, see(FLIGHT(2.0))).track.flags)
 
@@ -231,8 +229,7 @@ def test_one_line_does_not_begin_a_track_but_carries_one(follower):
     for time_s in seconds(2.0, 3.0):
         answer = follower(frame_at(time_s), replace(see(FLIGHT(time_s)), right=LinePoints.empty()))
         assert answer.track.state is TrackState.TRACKING
-    off, sigma = errors_of(follower.belief, FLIGHT(2.9))
-    assert np.all(np.abs(off) < 3 * sigma)
+    assert is_near(follower.belief, FLIGHT(2.9), 3)
 
 
 def test_a_frozen_picture_does_not_update_the_track(follower):
