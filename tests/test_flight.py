@@ -1,15 +1,12 @@
 """From frame to guidance: the stages joined, one seeded simulated approach through all of them."""
 
 import json
-import zipfile
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
 
-import deckline
 from approach_scene import CAMERA, LEFT, RIGHT, STILL, frame, points
 from deckline.cli.main import main
 from deckline.cli.run import unpack_sample
@@ -73,13 +70,11 @@ def test_an_unknown_model_is_refused_by_name(field):
 
 
 def test_the_shipped_sample_is_whole_and_its_lines_are_found(flight, tmp_path):
-    with zipfile.ZipFile(Path(deckline.__file__).parent / "sample" / "approach.zip") as archive:
-        archive.extractall(tmp_path)
-    sample = open_recording(tmp_path)
+    sample = unpack_sample(tmp_path / "sample")
     assert len(sample) == 91
     result = flight(sample.load(90))
     assert (result.guidance.status, result.estimate.mode) == (Status.UNVERIFIED, DepthMode.FINE)  # one frame
-    plain = flight(open_recording(tmp_path / "images").load(90))  # the pictures alone: no camera
+    plain = flight(open_recording(tmp_path / "sample" / "images").load(90))  # the pictures alone: no camera
     assert (plain.estimate.seen, plain.estimate.mode) == (LineVisibility.BOTH, DepthMode.WIDTH)
     assert plain.guidance.status is Status.UNVERIFIED
     assert {Reason.NO_WIDTH, Reason.ASSUMED_CAMERA} <= {one.reason for one in plain.guidance.diagnostics}
@@ -240,11 +235,7 @@ class Grey:
 
 @pytest.mark.parametrize(
     ("models", "searched", "dehazed"),
-    [
-        (Models(), 120, None),
-        (Models(visibility=True), 120, 99),
-        (Models(detect_in="dehazed"), 99, 99),
-    ],
+    [(Models(), 120, None), (Models(visibility=True), 120, 99), (Models(detect_in="dehazed"), 99, 99)],
 )
 def test_the_chain_dehazes_only_what_the_configuration_asks_for(models, searched, dehazed):
     detector = RecordingDetector()
@@ -254,10 +245,9 @@ def test_the_chain_dehazes_only_what_the_configuration_asks_for(models, searched
     assert dehazed is None or np.all(result.dehazed.image_rgb == dehazed)
 
 
-REFUSED = [(Models(visibility=True), True), (Models(detect_in="dehazed"), False)]
-
-
-@pytest.mark.parametrize(("models", "is_flown"), REFUSED)
+@pytest.mark.parametrize(
+    ("models", "is_flown"), [(Models(visibility=True), True), (Models(detect_in="dehazed"), False)]
+)
 def test_only_a_detector_that_needs_the_dehazed_picture_is_stopped_by_a_dehazer_that_refuses(models, is_flown):
     class Refusing(Grey):
         def __call__(self, image_rgb):

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from sea_scene import AIRLIGHT, CAMERA, SEA, SEA_Z_M, ray_z, sea_pair, world_from_body
+from sea_scene import AIRLIGHT, CAMERA, SEA, SEA_Z_M, sea_pair, world_from_body
 
 from deckline.dehaze.haze_fit import DARK, HazeFit, NoFit, NotFitted, fit_haze, hidden_sea_certainty
 from deckline.dehaze.sea_view import SeaView, view_sea
@@ -11,6 +11,17 @@ from deckline.haze import beta_from_visibility
 def view_from(*at: float) -> SeaView:
     """The sea as seen from a place of `world_from_body`."""
     return view_sea(CAMERA, world_from_body(*at) * camera_mount(), SEA_Z_M)
+
+
+def grazing(view: SeaView) -> np.ndarray:
+    """Share (H, W, 1) of the light that water mirrors, by the angle under which it is seen."""
+    return (1 - np.clip(view.down[..., None], 0, 1)) ** 5
+
+
+def through_haze(view: SeaView, clear: np.ndarray, beta_per_m: float) -> np.ndarray:
+    """The water of these levels in even haze, below a sky of the airlight."""
+    t = np.where(view.down > 0, np.exp(-beta_per_m * view.range_m), 0)[..., None]
+    return np.rint(AIRLIGHT + t * (clear - AIRLIGHT)).astype(np.uint8)
 
 
 VIEW = view_from()
@@ -58,12 +69,9 @@ def test_optical_depth_is_the_law_and_visibility_is_where_two_percent_are_left()
 def test_thick_haze_over_usual_water_is_fitted_from_high_up(mirror):
     """The nearest water transmits a seventh; how bright the far water is cannot be seen."""
     beta, view = 2e-3, view_from(-8.0, 0.0, -300.0)
-    down = view.down[..., None]
-    sea = AIRLIGHT * (1 - DARK * (1 - mirror * (1 - np.clip(down, 0, 1)) ** 5))
+    sea = AIRLIGHT * (1 - DARK * (1 - mirror * grazing(view)))
     waves = np.random.default_rng(5).normal(0, 3, (*view.down.shape, 1))
-    t = np.exp(-beta * view.range_m)[..., None]
-    image = np.rint(np.where(down > 0, AIRLIGHT + t * (sea + waves - AIRLIGHT), AIRLIGHT)).astype(np.uint8)
-    fit = fit_haze(image, view)
+    fit = fit_haze(through_haze(view, sea + waves, beta), view)
     assert fit.beta_per_m == pytest.approx(beta, rel=0.1)
     found = np.moveaxis(fit.clear_sea(view.down), 0, 2)[view.range_m < 1000]
     assert np.abs(found - sea[view.range_m < 1000]).mean() < 12
@@ -106,13 +114,8 @@ def test_a_deck_just_ahead_hides_the_sea_and_the_sides_are_fitted():
 @pytest.mark.parametrize(("far", "is_sea"), [(60.0, True), (-60.0, False)])
 def test_water_darker_than_black_is_no_sea(far: float, is_sea: bool) -> None:
     """A law through what gets darker than black with range, as a deck may seem to, is refused however well it fits."""
-    down = ray_z(world_from_body())[..., None]
-    range_m = np.where(down > 0, 60 / np.maximum(down, 1e-9), 1e9)
-    clear = 60 + (far - 60) * (1 - np.clip(down, 0, 1)) ** 5
-    t = np.exp(-beta_from_visibility(1500.0) * range_m)
-    levels = np.where(down > 0, AIRLIGHT + t * (clear - AIRLIGHT), AIRLIGHT)
-    fit = fit_haze(np.rint(levels).astype(np.uint8), VIEW)
-    assert isinstance(fit, HazeFit) == is_sea
+    image = through_haze(VIEW, 60 + (far - 60) * grazing(VIEW), beta_from_visibility(1500.0))
+    assert isinstance(fit_haze(image, VIEW), HazeFit) == is_sea
 
 
 def test_noise_does_not_thin_the_haze():
@@ -128,15 +131,12 @@ def test_haze_that_hides_the_far_sea_is_certain_with_and_without_a_horizon(pitch
     """From 60 m up; with the camera pitched down by 22 degrees, the farthest water in view is 400 m away."""
     view = view_from(pitch_deg, 0.0)
     assert view.is_sea.all() == (pitch_deg == -22.0)
-    down = view.down[..., None]
-    clear = np.where(down > 0, SEA + 0.6 * (AIRLIGHT - SEA) * (1 - np.clip(down, 0, 1)) ** 5, AIRLIGHT)
+    clear = SEA + 0.6 * (AIRLIGHT - SEA) * grazing(view)
     for visibility_m, certainty in ((300.0, 1), (20_000.0, 0)):
-        t = np.exp(-beta_from_visibility(visibility_m) * view.range_m)[..., None]
-        image = np.rint(AIRLIGHT + t * (clear - AIRLIGHT)).astype(np.uint8)
+        image = through_haze(view, clear, beta_from_visibility(visibility_m))
         assert hidden_sea_certainty(image, view) == certainty
-    image[:20] = 255  # a deck, say: what is brighter than the farthest sea is not hidden by haze
-    hazy = np.rint(AIRLIGHT + np.exp(-0.013 * view.range_m)[..., None] * (clear - AIRLIGHT)).astype(np.uint8)
-    hazy[-20:] = 255
+    hazy = through_haze(view, clear, 0.013)
+    hazy[-20:] = 255  # a deck, say: what is brighter than the farthest sea is not hidden by haze
     assert hidden_sea_certainty(hazy, view) == 0
     hardly_in_view = view_from(25.0)
     assert hidden_sea_certainty(np.full_like(image, 150), hardly_in_view) == 0
