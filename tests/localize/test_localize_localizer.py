@@ -121,25 +121,6 @@ def test_an_impossible_or_missing_pose_gives_no_runway(changes, reason, seen):
     assert reasons(estimate) == [reason]
 
 
-def test_third_of_outliers_does_not_bias():
-    generator = np.random.default_rng(2)
-    exact = detection(FAR, PARALLEL_RIGHT, 40, 0.3)
-    errors = []
-    for _ in range(20):
-        lines = []
-        for points in (exact.left, exact.right):
-            noisy = shift_points(points, generator)
-            noisy.points_px[generator.choice(40, 12, replace=False), 0] += generator.uniform(-60, 60, 12)
-            lines.append(noisy)
-        estimate = locate(FAR, Detection(*lines), STILL, generator)
-        assert estimate.seen is LineVisibility.BOTH
-        line = estimate.lines["left"]
-        error, covariance = error_at(line.point_m, line.azimuth_rad, line.covariance, LEFT, LEFT.p0_m)
-        errors.append(error[:2] / np.sqrt(np.diag(covariance)[:2]))
-    assert np.abs(errors).max() < 3
-    assert np.abs(ramp_error(line, LEFT)[0]) < 0.3
-
-
 def test_outliers_within_the_reach_of_ransac_have_no_weight():
     """A tenth of the points is off by 3 px, ten times their sigma."""
     exact = detection(FAR, PARALLEL_RIGHT, 40, 0.3)

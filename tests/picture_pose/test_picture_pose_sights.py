@@ -35,15 +35,6 @@ def test_a_turned_line_counts_the_error_of_its_rows():
         np.testing.assert_allclose(left_sight(line).sigma * CAMERA.fx, sigma_px * np.sqrt(2 / 31), rtol=1e-6)
 
 
-def test_both_points_lie_on_the_line_of_the_least_squares():
-    rng = np.random.default_rng(1)
-    offsets = rng.normal(0, SIGMA_PX, 31)
-    sight = left_sight(upright(offsets))
-    slope, constant = np.polyfit(ROWS, 500.0 + offsets, 1)
-    u, v = (sight.rays[:, :2] * [CAMERA.fx, CAMERA.fy] + [CAMERA.cx, CAMERA.cy]).T
-    np.testing.assert_allclose(u, slope * v + constant, atol=1e-3)
-
-
 def test_the_stated_errors_are_those_of_many_pictures():
     rng, off = np.random.default_rng(2), []
     truth = left_sight(upright(np.zeros(31)))

@@ -10,7 +10,6 @@ from runway_picture import (
     IN_WIDTHS,
     LEVEL,
     RATE_HZ,
-    Runway,
     errors_of,
     fly,
     frame_at,
@@ -240,40 +239,19 @@ def test_a_frozen_picture_does_not_update_the_track(follower):
     assert answer.track.flags == (frozen,)
 
 
-@pytest.mark.parametrize("width", [10.0, 40.0])
-def test_without_a_stated_width_lengths_are_widths(monkeypatch, width):
-    """The same pictures of a runway twice as wide from twice as far."""
-    scale = width / 20.0
-    flight = FLIGHT
-
-    def scaled(time_s):
-        at = flight(time_s)
-        distance_m, lateral_m, height_m = scale * at.position_m
-        return replace(at, distance_m=distance_m, lateral_m=lateral_m, height_m=height_m)
-
-    config = replace(LEVEL, deck=replace(LEVEL.deck, width_m=width, width_sigma_m=1e-6))
-    runway = Runway(width, length_m=220.0 * scale)
-    unit, stated = (with_horizon(monkeypatch, one) for one in (IN_WIDTHS, config))
+@pytest.mark.parametrize("config", [LEVEL, IN_WIDTHS])
+def test_without_a_stated_width_lengths_are_widths(monkeypatch, config):
+    follower, mount = with_horizon(monkeypatch, config), camera_mount()  # without an arm, which is known in metres
     for time_s in seconds(0.0, 2.0):
-        frame, seen = bare(time_s), see(scaled(time_s), runway, mount=bare(time_s).body_from_camera)
-        one, other = unit(frame, seen), stated(frame, seen)
-    assert one.frame.in_widths
-    assert not other.frame.in_widths
-    assert one.track.protection is None
-    assert one.track.closing_m_s is None
-    assert Reason.NO_WIDTH in reasons(one.track.doubts)
-    at, other_at = (a.frame.world_from_body.translation for a in (one, other))
-    np.testing.assert_allclose(at[1:] * width, other_at[1:], atol=0.003 * width)
-    lines = (one.track.lines["right"], other.track.lines["right"])
-    assert lines[0].point_m[1] == pytest.approx(0.5, abs=1e-3)
-    assert lines[1].point_m[1] == pytest.approx(width / 2, rel=1e-3)
-    assert unit.tracker.forecast() is None
-
-
-def bare(time_s):
-    """A frame of a camera without an arm, which is known in metres."""
-    frame = frame_at(time_s)
-    return replace(frame, body_from_camera=frame.body_from_camera.from_rotation(frame.body_from_camera.rotation))
+        answer = follower(frame_at(time_s, mount=mount), see(FLIGHT(time_s), mount=mount))
+    is_stated, width, place = config is LEVEL, 20.0, FLIGHT(1.9)
+    unit_m = 1.0 if is_stated else width
+    for what in (answer.track.protection, answer.track.closing_m_s, follower.tracker.forecast()):
+        assert (what is not None) is is_stated
+    assert (not answer.frame.in_widths, Reason.NO_WIDTH not in reasons(answer.track.doubts)) == (is_stated, is_stated)
+    at_m = answer.frame.world_from_body.translation * unit_m
+    np.testing.assert_allclose(at_m[1:], [place.lateral_m, -place.height_m], atol=0.6)
+    assert answer.track.lines["right"].point_m[1] == pytest.approx(width / 2 / unit_m, rel=2e-3)
 
 
 def test_the_forecast_is_the_prediction_of_the_belief(follower):
