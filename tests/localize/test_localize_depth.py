@@ -93,16 +93,6 @@ def test_auto_prefers_coarse_when_most_points_have_no_depth(monkeypatch):
 
 
 @pytest.mark.parametrize("mode", [DepthMode.FINE, DepthMode.COARSE])
-def test_points_are_located_on_the_true_line(mode):
-    found = place(mode)
-    along = (LEFT.p1_m - LEFT.p0_m) / np.linalg.norm(LEFT.p1_m - LEFT.p0_m)
-    off = found.points_m - LEFT.p0_m
-    assert np.abs(np.cross(off, along)).max() < (1e-6 if mode is DepthMode.COARSE else 1e-3)  # depth is float32
-    assert len(found) == 40
-    assert found.common_m.shape == (9, 40, 3)
-
-
-@pytest.mark.parametrize("mode", [DepthMode.FINE, DepthMode.COARSE])
 def test_displacements_equal_finite_differences(mode, monkeypatch):
     """Pose, deck, calibration and pixels are changed by a small step each."""
     monkeypatch.setattr(depth, "MIN_SIGMA_PX", 1e-4)
