@@ -16,7 +16,7 @@ from deckline.types import SIDES, Detection, LinePoints, PixelLine
 ROWS = np.linspace(400.0, 700.0, 31)
 
 
-def upright(offsets_px: np.ndarray, sigma_px: float = SIGMA_PX) -> Detection:
+def upright(offsets_px: np.ndarray, sigma_px: float | np.ndarray = SIGMA_PX) -> Detection:
     """A left line along a column of the image, its points off by these distances; no right line."""
     points = np.column_stack([500.0 + offsets_px, ROWS])
     return Detection(LinePoints(points, np.ones(31), np.full(31, sigma_px)), LinePoints.empty())
@@ -33,6 +33,16 @@ def test_a_turned_line_counts_the_error_of_its_rows():
         line = Detection(LinePoints(points, np.ones(31), np.full(31, SIGMA_PX)), LinePoints.empty())
         sigma_px = np.hypot(SIGMA_PX * np.cos(angle), ROW_SIGMA_PX * np.sin(angle))
         np.testing.assert_allclose(left_sight(line).sigma * CAMERA.fx, sigma_px * np.sqrt(2 / 31), rtol=1e-6)
+
+
+def test_both_points_lie_on_the_line_of_the_weighted_least_squares():
+    rng = np.random.default_rng(1)
+    sigma_px = rng.uniform(0.3, 3.0, 31)
+    offsets = rng.normal(0, sigma_px)
+    sight = left_sight(upright(offsets, sigma_px))
+    slope, constant = np.polyfit(ROWS, 500.0 + offsets, 1, w=1 / sigma_px)
+    u, v = (sight.rays[:, :2] * [CAMERA.fx, CAMERA.fy] + [CAMERA.cx, CAMERA.cy]).T
+    np.testing.assert_allclose(u, slope * v + constant, atol=1e-3)
 
 
 def test_the_stated_errors_are_those_of_many_pictures():
