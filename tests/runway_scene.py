@@ -104,6 +104,12 @@ def with_depth(frame: Frame, range_m: float = 400.0) -> Frame:
     return replace(frame, depth_m=depth_of_plane(frame, np.array([0.0, 0.0, DECK_Z_M]), np.zeros(3), range_m))
 
 
+def off_camera(camera: Camera, focal: float = 0.0, cx_px: float = 0.0, cy_px: float = 0.0) -> Camera:
+    """A camera that differs from a stated one by a share of the focal length and in its principal point."""
+    zoom = 1.0 + focal
+    return replace(camera, fx=zoom * camera.fx, fy=zoom * camera.fy, cx=camera.cx + cx_px, cy=camera.cy + cy_px)
+
+
 def spaced_pixels(camera: Camera, optical_m: np.ndarray, count: int) -> np.ndarray:
     """Pixels (count, 2) of a line's points (N, 3) from its near end on, about evenly spaced in rows; (0, 2): none."""
     pixels = camera.project(optical_m)
@@ -176,8 +182,7 @@ def add_noise(frame: Frame, exact: Detection, noise: FrameNoise, rng: np.random.
             for u, v in np.rint(lines[-1].points_px).astype(int):
                 depth[v - 1 : v + 2, u - 1 : u + 2] *= 1 + rng.normal(0, noise.depth_fraction)
     deck = DECK_Z_M + rng.normal(0, noise.deck_z_m)
-    zoom = 1 + rng.normal(0, noise.focal_fraction)
-    camera = replace(frame.camera, fx=frame.camera.fx * zoom, fy=frame.camera.fy * zoom)
+    camera = off_camera(frame.camera, rng.normal(0, noise.focal_fraction))
     measured = replace(frame, world_from_body=measured_pose, depth_m=depth, deck_z_m=deck, camera=camera)
     return measured, Detection(*lines)
 

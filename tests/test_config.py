@@ -86,23 +86,30 @@ def test_drift_and_white_noise_make_the_total():
     assert floored.attitude_rad == pytest.approx(1e-5)
 
 
-def test_a_file_starts_from_a_grade_and_options_override_it(tmp_path):
-    path = tmp_path / "deck.toml"
-    path.write_text('[sensors]\ngrade = "good"\ndeck_z_m = 0.3\n[deck]\nwidth_m = 21\n')
-    config = RunOptions(config=path, runway_width_m=22.0, touchdown_m=120.0).run_config()
+@pytest.fixture
+def read(tmp_path):
+    """The configuration of a file's text and of options."""
+
+    def configure(text, **options):
+        (tmp_path / "deck.toml").write_text(text)
+        return RunOptions(config=tmp_path / "deck.toml", **options).run_config()
+
+    return configure
+
+
+def test_a_file_starts_from_a_grade_and_options_override_it(read):
+    text = '[sensors]\ngrade = "good"\ndeck_z_m = 0.3\n[deck]\nwidth_m = 21\n'
+    config = read(text, runway_width_m=22.0, touchdown_m=120.0)
     assert config.sensors == replace(GRADES["good"], deck_z_m=0.3)
     assert (config.deck.width_m, config.approach.touchdown_m) == (22.0, 120.0)
-    path.write_text('[sensors]\ngrade = "perfect"\n')
     with pytest.raises(ValueError, match=r"sensors\.grade.*perfect"):
-        RunOptions(config=path).run_config()
+        read('[sensors]\ngrade = "perfect"\n')
 
 
-def test_a_grade_changes_position_and_attitude_alone(tmp_path):
-    path = tmp_path / "calibration.toml"
-    path.write_text("[sensors]\nfocal_fraction = 0.004\ndelay_s = 0.05\n")
-    sensors = RunOptions(config=path, grade="good").run_config().sensors
-    assert sensors == replace(GRADES["good"], focal_fraction=0.004, delay_s=0.05)
-    assert RunOptions(config=path, grade="exact").run_config().sensors == GRADES["exact"]
+def test_a_grade_changes_position_and_attitude_alone(read):
+    text = "[sensors]\nfocal_fraction = 0.004\ndelay_s = 0.05\n"
+    assert read(text, grade="good").sensors == replace(GRADES["good"], focal_fraction=0.004, delay_s=0.05)
+    assert read(text, grade="exact").sensors == GRADES["exact"]
 
 
 def test_a_stated_accuracy_keeps_its_share_of_white_noise():
@@ -125,9 +132,7 @@ def test_the_example_file_is_readable():
     assert (config.sensors, config.noise.slope_rad) == (GRADES["good"], 0.0)
 
 
-def test_a_flag_that_is_not_set_leaves_the_files_value(tmp_path):
-    path = tmp_path / "run.toml"
-    path.write_text("[models]\nvisibility = true\n")
-    assert RunOptions(config=path).run_config().models.visibility
+def test_a_flag_that_is_not_set_leaves_the_files_value(read):
+    assert read("[models]\nvisibility = true\n").models.visibility
     assert RunOptions(measure_visibility=True).run_config().models.visibility
     assert not RunOptions().run_config().models.visibility

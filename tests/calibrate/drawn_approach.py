@@ -10,7 +10,7 @@ from deckline.config import Deck, RunConfig, Sensors
 from deckline.dehaze.horizon import Horizon
 from deckline.geometry import Camera, attitude, camera_mount
 from deckline.types import Detection, Frame, LinePoints
-from runway_scene import horizon_line
+from runway_scene import horizon_line, off_camera, spaced_pixels
 
 STATED = Camera.from_fov(960, 540, np.deg2rad(80))
 MOUNT = camera_mount([1.0, 0.2, 0.3], attitude(0.0, -0.05, 0.0))
@@ -33,15 +33,7 @@ class Off:
     delay_s: float = 0.0  # of the pose behind the picture
 
     def camera(self, distortion: tuple[float, ...]) -> Camera:
-        scale = 1.0 + self.focal
-        return replace(
-            STATED,
-            distortion=distortion,
-            fx=STATED.fx * scale,
-            fy=STATED.fy * scale,
-            cx=STATED.cx + self.cx_px,
-            cy=STATED.cy + self.cy_px,
-        )
+        return off_camera(replace(STATED, distortion=distortion), self.focal, self.cx_px, self.cy_px)
 
     def mount(self) -> RigidTransform:
         turned = attitude(*np.deg2rad(self.mount_deg)) * MOUNT.rotation
@@ -119,13 +111,9 @@ def draw_approach(drawn: Drawn, config: RunConfig = CONFIG) -> ApproachView:
 
 
 def _see(points: np.ndarray, optical: RigidTransform, drawn: Drawn, rng: np.random.Generator) -> LinePoints:
-    pixels = drawn.off.camera(drawn.distortion).project(optical.inv().apply(points))
-    inside = np.all((pixels > 0) & (pixels < [959, 539]), axis=1)
-    pixels = pixels[inside]
-    if len(pixels) < 10:
+    seen = spaced_pixels(drawn.off.camera(drawn.distortion), optical.inv().apply(points), POINTS)
+    if len(np.unique(seen, axis=0)) < 10:
         return LinePoints.empty()
-    rows = np.linspace(pixels[0, 1], pixels[-1, 1], POINTS)
-    seen = np.column_stack([np.interp(rows[::-1], pixels[::-1, 1], pixels[::-1, 0])[::-1], rows])
     seen[:, 0] += rng.normal(0, SIGMA_PX, POINTS)
     return LinePoints(seen, np.ones(POINTS), np.full(POINTS, SIGMA_PX))
 

@@ -8,7 +8,7 @@ from deckline.config import FrameNoise
 from deckline.localize import depth
 from deckline.localize.depth import WINDOW, choose_mode, locate_points, sample_depth, select_independent
 from deckline.types import SIDES, DepthMode, LineVisibility, Reason
-from runway_scene import DECK_Z_M, LEFT, NOISE, approach, detection, line_points, locate, with_depth
+from runway_scene import DECK_Z_M, LEFT, NOISE, approach, detection, line_points, locate, off_camera, with_depth
 
 BARE = approach(60.0, 8.0)
 DEEP = with_depth(BARE)
@@ -99,7 +99,7 @@ def test_displacements_equal_finite_differences(mode, monkeypatch):
     noise = FrameNoise(1e-5, 1e-3, 1e-3, 0.0, focal_fraction=1e-5, depth_fraction=0.01, depth_scale=1e-4)
     sigma = np.full(40, 1e-3)
     base = place(mode, sigma_px=sigma, noise=noise)
-    pose, camera, zoom = DEEP.world_from_body, DEEP.camera, 1 + noise.focal_fraction
+    pose = DEEP.world_from_body
     turns = [Rotation.from_rotvec(axis * noise.attitude_rad) * pose.rotation for axis in np.eye(3)]
     poses = [RigidTransform.from_components(pose.translation, turn) for turn in turns]
     shifts = [pose.translation + axis * noise.position_m for axis in np.eye(3)]
@@ -107,7 +107,7 @@ def test_displacements_equal_finite_differences(mode, monkeypatch):
     frames = [
         *(replace(DEEP, world_from_body=p) for p in poses),
         replace(DEEP, deck_z_m=DECK_Z_M + noise.deck_z_m),
-        replace(DEEP, camera=replace(camera, fx=camera.fx * zoom, fy=camera.fy * zoom)),
+        replace(DEEP, camera=off_camera(DEEP.camera, noise.focal_fraction)),
         replace(DEEP, depth_m=DEEP.depth_m * np.float32(1 + noise.depth_scale)),
     ]
     scale = np.abs(base.common_m).max()

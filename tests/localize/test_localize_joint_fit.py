@@ -34,6 +34,7 @@ from runway_scene import (
     error_at,
     locate,
     observe_lines,
+    off_camera,
     remove_own_errors,
     slope_deck,
     still_deck,
@@ -121,12 +122,12 @@ def locate_with_error(index, step, config, fine, origin_m=LEFT.p0_m):
     gradient = slopes[0] * HEADING + slopes[1] * LATERAL
     exact, found = slope_deck(exact, origin_m, gradient)
     turn = Rotation.from_rotvec(step * np.array([index == TURN_X, index == TURN_Y, 0.0]))
-    pose, zoom = exact.world_from_body, 1 + step * (index == FOCAL)
+    pose = exact.world_from_body
     frame = replace(
         exact,
         world_from_body=RigidTransform.from_components(pose.translation, turn * pose.rotation),
         deck_z_m=DECK_Z_M + step * (index == REPORTED),
-        camera=replace(CAMERA, fx=zoom * CAMERA.fx, fy=zoom * CAMERA.fy),
+        camera=off_camera(CAMERA, step * (index == FOCAL)),
         depth_m=exact.depth_m * np.float32(1 + step * (index == SCALE)) if fine else None,
     )
     estimate = locate(frame, found, config)

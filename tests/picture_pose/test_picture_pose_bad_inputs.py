@@ -33,6 +33,7 @@ from deckline.flight import Flight
 from deckline.geometry import Camera
 from deckline.types import Detection, LinePoints, PoseSource, Reason, Status
 from dehaze.sea_scene import draw_horizon
+from runway_scene import off_camera
 
 CONFIGS = pytest.mark.parametrize("config", [LEVEL, IN_WIDTHS], ids=["width", "no width"])
 SILENT = {Status.UNVERIFIED, Status.NOT_SEEN, Status.COASTING, Status.ONE_LINE}
@@ -140,15 +141,10 @@ def test_two_runways_in_turn_are_never_verified(run, share):
     assert Reason.OTHER_LINES in reasons(results[-1].track.doubts)
 
 
-def zoomed(time_s, times):
-    """The camera, its focal length so many times longer from 2 to 3 s on."""
-    zoom = 1 + (times - 1) * float(np.clip(time_s - 2.0, 0.0, 1.0))
-    return replace(CAMERA, fx=zoom * CAMERA.fx, fy=zoom * CAMERA.fy)
-
-
 @pytest.mark.parametrize("times", [1.5, 2.0, 0.67])
 def test_a_zoom_in_flight_is_flagged_from_then_on(run, times):
-    results = run(FLIGHT, 5.0, camera=lambda t: zoomed(t, times))
+    """The focal length becomes so many times longer from 2 to 3 s on."""
+    results = run(FLIGHT, 5.0, camera=lambda t: off_camera(CAMERA, (times - 1) * float(np.clip(t - 2.0, 0.0, 1.0))))
     assert_honest(results, FLIGHT)
     assert results[19].guidance.status is Status.OK
     assert all(result.guidance.status in SILENT for result in results[30:])
@@ -160,11 +156,7 @@ def test_a_stabilised_video_is_never_verified_beyond_its_levels(run, seed):
     shift = gaussian_filter1d(np.random.default_rng(seed).normal(size=(2, 60)), 3, axis=1)
     shift *= 0.02 * CAMERA.width / np.abs(np.diff(shift, axis=1)).mean()
 
-    def camera(time_s):
-        u, v = shift[:, round(10 * time_s)]
-        return replace(CAMERA, cx=CAMERA.cx + u, cy=CAMERA.cy + v)
-
-    results = run(FLIGHT, 5.0, camera=camera)
+    results = run(FLIGHT, 5.0, camera=lambda t: off_camera(CAMERA, 0.0, *shift[:, round(10 * t)]))
     assert_honest(results, FLIGHT)
     assert all(result.guidance.status in SILENT for result in results[10:])
 

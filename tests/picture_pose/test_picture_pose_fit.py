@@ -30,6 +30,7 @@ from deckline.picture_pose.model import Mount
 from deckline.picture_pose.sights import LevelSight
 from deckline.picture_pose.states import RAMP_SIGMA_M, RAMP_SIGMA_SHARE, Belief, States, shared_sigmas
 from deckline.types import SIDES, Diagnostic, Reason
+from runway_scene import off_camera
 
 FORWARD = Mount.of(camera_mount())
 FLAT = Mount(CAMERA_MOUNT.rotation, np.zeros(3))  # the closed form knows no arm
@@ -97,13 +98,7 @@ def test_errors_agree_with_the_covariance(config, horizon):
         place = replace(draw_place(rng), roll=rng.normal(0, config.picture.roll_sigma_rad))
         drawn = rng.normal(0, shared_sigmas(CAMERA, config))
         share, cx, cy, up, tilt, width, angle, slope, cant, *painted = drawn
-        camera = replace(
-            CAMERA,
-            fx=CAMERA.fx * (1 + share),
-            fy=CAMERA.fy * (1 + share),
-            cx=CAMERA.cx + cx * CAMERA.fx,
-            cy=CAMERA.cy + cy * CAMERA.fy,
-        )
+        camera = off_camera(CAMERA, share, cx * CAMERA.fx, cy * CAMERA.fy)
         beyond = rng.normal(0, RAMP_SIGMA_M + RAMP_SIGMA_SHARE * place.distance_m)  # where the width holds
         runway = Runway(20.0 + width + angle * beyond, angle, slope, cant, painted_m=tuple(painted))
         belief = fit(place, config, horizon, runway, camera, rng, (up, tilt))

@@ -37,6 +37,7 @@ from deckline.picture_pose.model import (
 )
 from deckline.picture_pose.states import Belief, States
 from deckline.types import SIDES
+from runway_scene import off_camera
 
 SLOPING = Runway(angle_rad=0.006, slope=0.012, cant=-0.015)
 CAMERA_ERRORS = {States.FOCAL: 0.03, States.CX: 0.01, States.CY: -0.02}
@@ -50,9 +51,7 @@ def with_states(belief: Belief, values: dict[int, float]) -> Belief:
 
 def true_camera(values: dict[int, float]):
     """The camera that errs so from the stated one."""
-    share = 1 + values[States.FOCAL]
-    cx, cy = CAMERA.cx + values[States.CX] * CAMERA.fx, CAMERA.cy + values[States.CY] * CAMERA.fy
-    return replace(CAMERA, fx=CAMERA.fx * share, fy=CAMERA.fy * share, cx=cx, cy=cy)
+    return off_camera(CAMERA, values[States.FOCAL], values[States.CX] * CAMERA.fx, values[States.CY] * CAMERA.fy)
 
 
 def central_differences(belief: Belief, innovation: Callable[[Belief], Innovation]) -> np.ndarray:

@@ -30,6 +30,7 @@ from deckline.picture_pose.model import Mount, horizon_innovation, lines_innovat
 from deckline.picture_pose.states import States, predict, shared_sigmas
 from deckline.trackers import CORRELATION_TIME_S
 from deckline.types import Detection, Diagnostic, LinePoints, PoseSource, Reason, TrackState
+from runway_scene import off_camera
 
 NOTHING = Detection(LinePoints.empty(), LinePoints.empty())
 
@@ -199,7 +200,7 @@ def test_another_camera_begins_another_track(follower):
     same = replace(CAMERA)
     answer = follower(frame_at(2.0, same), see(FLIGHT(2.0)))
     assert answer.track.age_s == pytest.approx(2.0)
-    zoomed = replace(CAMERA, fx=2 * CAMERA.fx, fy=2 * CAMERA.fy)
+    zoomed = off_camera(CAMERA, focal=1.0)
     answer = follower(frame_at(2.1, zoomed), see(FLIGHT(2.1), camera=zoomed))
     assert (answer.track.age_s, answer.track.state) == (0.0, TrackState.TRACKING)
 
