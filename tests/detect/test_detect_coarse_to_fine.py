@@ -108,11 +108,11 @@ def test_left_right_of_right_is_not_seen():
     assert count_lines(detection) == 0
 
 
-def unsure_output(sure: float, left: float, right: float) -> NetworkOutput:
-    """Of a network that is so sure of a runway, and of thirty rows that upright lines cross."""
+def unsure_output(sure: float, left: float, right: float, cells: tuple[int, int] = (40, 60)) -> NetworkOutput:
+    """Of a network that is so sure of a runway, and of thirty rows that upright lines cross at these cells."""
     rows = np.full((2, 72, 129), -20.0, dtype=np.float32)
     rows[:, :, -1] = 0.0  # no line on any row
-    for k, (chance, cell) in enumerate(((left, 40), (right, 60))):
+    for k, (chance, cell) in enumerate(((left, cells[0]), (right, cells[1]))):
         rows[k, 20:50, cell] = np.log((chance + 1e-9) / (1 - chance))  # but on thirty
     classes, offsets, _ = encode_region([110.0, 60.0, 400.0, 230.0], (32, 18))
     region = np.log(np.append(sure * classes[:-1], 1 - sure) + 1e-12).astype(np.float32)

@@ -7,35 +7,26 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from test_detect_coarse_to_fine import BLACK, unsure_output
 
 from deckline.detect.anchors import NetworkOutput
 from deckline.detect.coarse_to_fine import DetectConfig
 from deckline.detect.search import CropView, Search
 from deckline.geometry import Camera
 from deckline_lab.evaluation.detection_truth import ExpectedLines, SceneKind
-from deckline_lab.train.line_targets import encode_region
 
 SCRIPT = runpy.run_path(str(Path(__file__).parents[2] / "scripts" / "choose_thresholds.py"))
 TRIED = {"BOTH": (0.3, 0.6, 1.1), "CLOSE": (0.5, 0.8, 1.1), "LONE": (0.6, 0.9, 1.1)}
-IMAGE = np.zeros((288, 512, 3), np.uint8)
 
 
 def make_output(rng: np.random.Generator) -> NetworkOutput:
     """Of a network that is more or less sure of a runway, and of upright lines at random places."""
-    rows = np.full((2, 72, 129), -20.0, dtype=np.float32)
-    rows[:, :, -1] = 0.0
-    for line, low in ((0, 10), (1, 70)):
-        chance = rng.uniform(0.2, 0.99)
-        rows[line, 20:50, low + rng.integers(40)] = np.log(chance / (1 - chance))
-    classes, offsets, _ = encode_region([110.0, 60.0, 400.0, 230.0], (32, 18))
-    shares = np.append(classes[:-1], 0.0) * (sure := rng.uniform(0.4, 1.0))
-    shares[-1] = 1 - sure
-    return NetworkOutput(rows, np.log(shares + 1e-12).astype(np.float32), offsets)
+    return unsure_output(rng.uniform(0.4, 1.0), *rng.uniform(0.2, 0.99, 2), cells=rng.integers([10, 70], [50, 110]))
 
 
 def make_search(rng: np.random.Generator) -> Search:
     """With three candidates, at times the whole picture among them."""
-    search = Search(IMAGE, lambda view: make_output(rng), DetectConfig(min_confidence=0.3))
+    search = Search(BLACK, lambda view: make_output(rng), DetectConfig(min_confidence=0.3))
     search.candidates = [CropView(make_output(rng), search.whole.crop, search.config) for _ in range(3)]
     if rng.random() < 0.5:
         search.candidates[0] = search.whole
@@ -70,7 +61,7 @@ def test_a_trial_counts_and_measures_what_the_search_chooses(row, monkeypatch):
 
 def choose(search: Search, config: DetectConfig) -> CropView | None:
     """What the search would choose with another configuration."""
-    other = Search(IMAGE, lambda view: search.whole.output, config)
+    other = Search(BLACK, lambda view: search.whole.output, config)
     other.candidates = [
         other.whole if view is search.whole else replace(view, config=config) for view in search.candidates
     ]
