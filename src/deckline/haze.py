@@ -43,7 +43,7 @@ def visibility_from_beta(beta_per_m: float) -> float:
 
 def transmission(range_m: ArrayLike, beta_per_m: float) -> NDArray[np.float32]:
     """exp(-beta range) for ray lengths in metres; unknown (NaN) and infinite ranges transmit nothing."""
-    ranges = np.nan_to_num(np.asarray(range_m, dtype=np.float32), nan=np.inf)
+    ranges = np.nan_to_num(np.asarray(range_m, dtype=np.float32), nan=np.inf, posinf=np.inf)
     if beta_per_m == 0:
         return np.ones_like(ranges)
     return np.exp(-np.float32(beta_per_m) * ranges)
