@@ -114,6 +114,7 @@ def test_a_frame_whose_time_cannot_be_used_changes_nothing_and_is_reported(shown
     assert reasons(odd.diagnostics) == [Reason.BAD_TIME]
     assert numbers_in(odd.diagnostics[0].message) == pytest.approx(numbers)
     assert same(odd, before) and odd.state is TrackState.COASTING
+    assert odd.protection is None and before.protection is not None  # lines of a later time bound nothing
     assert same(advance(disturbed, *shown[11]), advance(tracker, *shown[11]))
 
 

@@ -132,7 +132,8 @@ class Tracker:
             if self._last is None or self._refused > MAX_REFUSED:
                 return Track(time_s, TrackState.LOST, {}, flags=flags, diagnostics=(prediction.refused,))
             state = TrackState.COASTING if self._last.state is TrackState.TRACKING else self._last.state
-            return replace(self._last, state=state, diagnostics=(prediction.refused,), excluded=())
+            # Its lines are those of a later time: no level bounds their error at this frame's pose.
+            return replace(self._last, state=state, diagnostics=(prediction.refused,), excluded=(), protection=None)
         self._refused, self._time_s = 0, time_s
         unusable = tuple(flag for flag in flags if flag.reason in UNUSABLE)
         track = self._advance(prediction, estimate, unusable, frames)
