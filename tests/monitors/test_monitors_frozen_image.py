@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
 
+from deckline.geometry import distort
 from deckline.monitors import FrozenImageMonitor
 from deckline.monitors.frozen_image import FROZEN
 from track.point_flight import Flight, draw_errors, one_frame
@@ -53,6 +54,11 @@ def test_the_same_picture_from_an_aircraft_at_rest_is_frozen_when_it_lasts(movin
     assert verdicts([still[0], (replace(frame, time_s=1.0, world_from_body=moved), NOTHING)]) == [False, True]
 
 
-def test_lines_that_rest_in_the_image_while_the_pose_moves_are_frozen_after_three(moving_frames):
-    rested = [(frame, moving_frames[0][1]) for frame, _ in moving_frames]
+@pytest.mark.parametrize("distortion", [(), (-0.25, 0.08, 0.0, 0.0, 0.0)])
+def test_lines_that_rest_in_the_image_while_the_pose_moves_are_frozen_after_three(moving_frames, distortion):
+    """A line's ends lie in the lens's picture, its coefficients in one without distortion."""
+    first, estimate = moving_frames[0]
+    camera = replace(first.camera, distortion=distortion)
+    bent = {side: replace(line, ends_px=distort(line.ends_px, camera)) for side, line in estimate.pixel_lines.items()}
+    rested = [(replace(frame, camera=camera), replace(estimate, pixel_lines=bent)) for frame, _ in moving_frames]
     assert verdicts(rested) == [False, False, False, True, True, True]

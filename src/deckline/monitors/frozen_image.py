@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform
 
-from deckline.geometry import intersect_plane, rotation_matrix
+from deckline.geometry import intersect_plane, rotation_matrix, undistort
 from deckline.types import Detection, Diagnostic, Diagnostics, Frame, PixelLine, Reason, RunwayEstimate
 
 SAMPLE_PX = 37  # every so many rows and columns of the picture are compared
@@ -69,13 +69,13 @@ class FrozenImageMonitor:
         rays = frame.camera.rays(ends_px) @ rotation_matrix(before).T
         on_deck = intersect_plane(before.translation, rays, heights_m)
         optical = np.where(np.isfinite(on_deck), on_deck - pose.translation, 0.0) @ rotation_matrix(pose)
-        expected_px = _distances(frame.camera.project(optical), old)
-        actual_px = _distances(ends_px, new)
+        expected_px = _distances(undistort(frame.camera.project(optical), frame.camera), old)
+        actual_px = _distances(undistort(ends_px, frame.camera), new)
         expected_px = expected_px[np.isfinite(expected_px)].max(initial=0.0)
         return bool(expected_px > MIN_EXPECTED_MOTION_PX and actual_px.max() < MAX_REST_SHARE * expected_px)
 
 
 def _distances(ends_px: NDArray[np.float64], lines: list[PixelLine]) -> NDArray[np.float64]:
-    """How far (2 L,) both ends (2 L, 2) of every line lie from another line."""
+    """How far (2 L,) both ends (2 L, 2), without distortion, of every line lie from another line."""
     normals = np.repeat([line.coefficients for line in lines], 2, axis=0)
     return np.asarray(np.abs((ends_px * normals[:, :2]).sum(axis=1) + normals[:, 2]))

@@ -28,11 +28,11 @@ class PixelLine:
     """A straight line in the image: a u + b v + c = 0 with a^2 + b^2 = 1."""
 
     coefficients: NDArray[np.float64]
-    """(3,) a, b, c, for u, v in px."""
+    """(3,) a, b, c, for u, v in px of a camera without lens distortion."""
     inliers: NDArray[np.bool_]
     """(N,) which of the detected points lie on it."""
     ends_px: NDArray[np.float64]
-    """(2, 2) u, v, px, of its nearest (largest v) and farthest inlier, moved onto the line."""
+    """(2, 2) u, v, px, of its nearest (largest v) and farthest inlier, moved onto the line; as the lens shows them."""
     sigma_px: float
     """1-sigma of an inlier normal to the line, px."""
 
