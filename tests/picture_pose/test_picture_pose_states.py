@@ -20,7 +20,7 @@ from deckline.picture_pose.states import (
     shared_sigmas,
 )
 
-SHARED = shared_sigmas(CAMERA, LEVEL)
+SHARED, DRIFT_S = shared_sigmas(CAMERA, LEVEL), LEVEL.sensors.drift_s
 
 
 def random_belief(seed):
@@ -84,7 +84,7 @@ def test_what_is_not_stated_has_a_usual_prior():
 
 def in_steps(belief, time_s, count):
     for at in np.linspace(belief.time_s, time_s, count + 1)[1:]:
-        belief = predict(belief, float(at), SHARED)
+        belief = predict(belief, float(at), SHARED, DRIFT_S)
     return belief
 
 
@@ -92,7 +92,7 @@ def in_steps(belief, time_s, count):
 @settings(max_examples=20)
 def test_one_prediction_is_many_short_ones(seed, dt):
     belief = random_belief(seed)
-    once, composed = predict(belief, dt, SHARED), in_steps(belief, dt, 20)
+    once, composed = predict(belief, dt, SHARED, DRIFT_S), in_steps(belief, dt, 20)
     assert once.time_s == dt
     np.testing.assert_allclose(once.mean, composed.mean, atol=1e-9)
     np.testing.assert_allclose(once.rotation, composed.rotation, atol=1e-4)  # turns about several axes do not commute
@@ -112,14 +112,26 @@ def test_the_predicted_covariance_is_that_of_sampled_flights():
         states[:, 3:6] += np.array([2.0, 1.0, 1.0]) * np.sqrt(h) * rng.normal(size=(flights, 3))
         renewal = TURN_SIGMA_RAD_S * np.sqrt(2 * h / TURN_TIME_S)
         states[:, 9:12] += -h / TURN_TIME_S * states[:, 9:12] + renewal * rng.normal(size=(flights, 3))
-    predicted = predict(belief, dt, SHARED).covariance[:12, :12]
+    predicted = predict(belief, dt, SHARED, DRIFT_S).covariance[:12, :12]
     sigma = np.sqrt(np.diag(predicted))
     # Chance moves a correlation by 0.016, a variance by 0.022.
     np.testing.assert_allclose(np.cov(states.T) / np.outer(sigma, sigma), predicted / np.outer(sigma, sigma), atol=0.09)
 
 
+def test_the_stated_time_renews_an_attitude_sensors_error():
+    """Known to a tenth, it is nearly as before after 10 s of 1000 and as stated after 10 s of 1."""
+    belief = random_belief(3)
+    stated = SHARED[States.LEVEL_X - States.SHARED.start]
+    covariance = belief.covariance.copy()
+    covariance[States.LEVEL_X], covariance[:, States.LEVEL_X] = 0.0, 0.0
+    covariance[States.LEVEL_X, States.LEVEL_X] = (0.1 * stated) ** 2
+    known = replace(belief, covariance=covariance)
+    slow, fast = (predict(known, 10.0, SHARED, time_s).sigma(States.LEVEL_X) / stated for time_s in (1000.0, 1.0))
+    assert (slow, fast) == (pytest.approx(0.17, abs=0.01), pytest.approx(1.0, abs=1e-6))
+
+
 def test_what_changes_with_time_returns_to_what_is_stated():
-    far = predict(random_belief(3), 600.0, SHARED)
+    far = predict(random_belief(3), 600.0, SHARED, DRIFT_S)
     sigma = np.sqrt(np.diag(far.covariance))
     assert np.linalg.eigvalsh(far.covariance / np.outer(sigma, sigma)).min() > -1e-9
     for index in (States.HORIZON_UP, States.SLOPE, States.CANT):

@@ -10,6 +10,7 @@ from runway_picture import (
     IN_WIDTHS,
     LEVEL,
     RATE_HZ,
+    Follower,
     errors_of,
     fly,
     frame_at,
@@ -57,12 +58,15 @@ def test_one_horizon_is_not_enough(follower):
     assert Reason.NO_HORIZON not in doubts[1.4]
 
 
-def test_an_attitude_in_place_of_a_horizon(blind):
+@pytest.mark.parametrize("white_deg", [0.02, 0.0])
+def test_an_attitude_in_place_of_a_horizon(monkeypatch, white_deg):
     """A sensor's roll and pitch confirm the lines, and a sensor that contradicts them is flagged."""
+    rng, sensors = np.random.default_rng(1), replace(LEVEL.sensors, attitude_white_deg=white_deg)
+    blind = Follower(replace(LEVEL, sensors=sensors), monkeypatch)
     for time_s in seconds(0.0, 2.0):
         place = FLIGHT(time_s)
         tilted = replace(frame_at(time_s), level_from_body=attitude(place.roll, place.pitch, 0.7))
-        found = blind(tilted, see(place))
+        found = blind(tilted, see(place, rng=rng))
     assert (found.track.flags, found.track.doubts) == ((), ())
     assert is_near(blind.belief, place, 3.5)
     wrong = replace(frame_at(2.0), level_from_body=attitude(place.roll + 0.1, place.pitch, 0.7))
@@ -126,6 +130,7 @@ def test_a_frame_whose_time_cannot_be_used_changes_nothing(follower, time_s):
     assert odd.frame.world_from_body is None
     assert reasons(odd.track.diagnostics) == [Reason.BAD_TIME]
     assert follower.belief is before
+    assert follower.tracker.forecast().at(1.0) is not None
 
 
 def test_a_time_far_back_begins_another_flight(follower):
@@ -164,7 +169,7 @@ def test_a_horizon_that_arrives_late_counts_as_if_it_were_used_at_its_own_frame(
     expected = update(first, horizon_innovation(first, horizon, Mount.of(mounts[0])))
     for time_s, mount in zip(times[1:], mounts[1:], strict=True):
         assert not np.allclose(follower.belief.mean, expected.mean, atol=1e-4)
-        expected = predict(expected, float(time_s), shared)
+        expected = predict(expected, float(time_s), shared, LEVEL.sensors.drift_s)
         lines = lines_innovation(expected, sights_of(gimballed(time_s, mount)), Mount.of(mount))
         expected = update(expected, lines.inflate(CORRELATION_TIME_S * RATE_HZ))
         follower(frame_at(time_s, mount=mount), gimballed(time_s, mount))
@@ -259,7 +264,7 @@ def test_the_forecast_is_the_prediction_of_the_belief(follower):
     follower.follow(FLIGHT, seconds(0.0, 2.0))
     forecast = follower.tracker.forecast()
     track, pose, heading_sigma = forecast.at(2.5)
-    expected = predict(follower.belief, 2.5, follower.tracker._shared)
+    expected = predict(follower.belief, 2.5, follower.tracker._shared, LEVEL.sensors.drift_s)
     np.testing.assert_allclose(pose.as_matrix(), expected.world_from_body.as_matrix())
     assert heading_sigma == 0.0
     assert track.age_s == pytest.approx(2.5)

@@ -32,7 +32,7 @@ class PictureForecast:
         """
         if not self.belief.time_s <= time_s <= self.seen_s + self.config.tracking.coast_s:
             return None
-        belief = predict(self.belief, time_s, self.shared_sigma)
+        belief = predict(self.belief, time_s, self.shared_sigma, self.config.sensors.drift_s)
         track = track_of(belief, self.track.state, self.has_ramp, self.shared_sigma, self.config)
         same = {name: getattr(self.track, name) for name in ("flags", "diagnostics", "doubts")}
         age_s = self.track.age_s + time_s - self.belief.time_s

@@ -185,10 +185,10 @@ def use_horizon(memory: TrackMemory, found: Horizon | NoHorizon, picture: Pictur
         )
         return
     memory.horizon_flag, memory.agreed_s, memory.horizons = None, anchor.time_s, memory.horizons + 1
-    belief = update(anchor, innovation)
+    belief, drift_s = update(anchor, innovation), config.sensors.drift_s
     for sighting in since:
-        belief = _update_lines(predict(belief, sighting.time_s, picture.shared), sighting)
-    memory.belief = belief
+        belief = _update_lines(predict(belief, sighting.time_s, picture.shared, drift_s), sighting)
+    memory.belief = predict(belief, memory.belief.time_s, picture.shared, drift_s)  # over frames without a line
 
 
 def select_lines(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from deckline.config import USUAL_WIDTH_M, RunConfig, Sensors
+from deckline.config import USUAL_WIDTH_M, RunConfig
 from deckline.geometry import Camera
 
 Array = NDArray[np.float64]
@@ -57,16 +57,15 @@ DIP_RAD = float(np.deg2rad(0.2))  # of the sea's horizon, from 50 m; from 10 to 
 HORIZON_UP_SIGMA_RAD = float(np.deg2rad(0.2))  # of all looks together: the dip, and haze that thickens with range
 HORIZON_TILT_SIGMA_RAD = float(np.deg2rad(0.1))
 POINT_PER_FOCAL = 0.1  # error of the principal point, focal lengths, per share of the focal length's: a cropped picture
+MIN_LEVEL_RAD = 1e-5  # of an attitude sensor's noise: what is exact would contradict every picture
 
 # Process noise.
 ACCELERATION_M_S15 = np.array([2.0, 1.0, 1.0])  # density along, across and down; 2: 0.2 g for a second
 TURN_TIME_S = 0.7  # over which a rate of turn is forgotten
 HORIZON_TIME_S, SLOPE_TIME_S, CANT_TIME_S = 20.0, 3.0, 5.0  # over which these errors change; deck: a quarter period
-LEVEL_TIME_S = Sensors().drift_s  # the same of an attitude sensor
 FIXED = np.inf
-FORGETTING_S = np.array(  # of States.SHARED
+FORGETTING_S = np.array(  # of States.SHARED but the last two, an attitude sensor's, whose time is stated
     [*3 * [FIXED], HORIZON_TIME_S, HORIZON_TIME_S, FIXED, FIXED, SLOPE_TIME_S, CANT_TIME_S, FIXED, FIXED]
-    + 2 * [LEVEL_TIME_S]
 )
 
 
@@ -141,8 +140,13 @@ def initial_belief(time_s: float, rotation: Array, place_m: Array, shared_sigma:
     return Belief(time_s, rotation, mean, np.diag(sigma**2))
 
 
-def predict(belief: Belief, time_s: float, shared_sigma: Array) -> Belief:
-    """The belief at a later time: constant speed in the runway's frame, a rate of turn that is forgotten."""
+def predict(belief: Belief, time_s: float, shared_sigma: Array, level_time_s: float) -> Belief:
+    """The belief at a later time: constant speed in the runway's frame, a rate of turn that is forgotten.
+
+    Args:
+        shared_sigma: (13,) of `States.SHARED`.
+        level_time_s: over which an attitude sensor's error changes, `sensors.drift_s`.
+    """
     dt = time_s - belief.time_s
     transition, noise = np.eye(States.SIZE), np.zeros((States.SIZE, States.SIZE))
     place, rates = np.arange(0, 3), np.arange(3, 6)
@@ -158,7 +162,7 @@ def predict(belief: Belief, time_s: float, shared_sigma: Array) -> Belief:
     noise[attitude, turn] = noise[turn, attitude] = variance * TURN_TIME_S * lost**2
     noise[attitude, attitude] = variance * TURN_TIME_S**2 * (2 * (dt / TURN_TIME_S - lost) - lost**2)
     shared = np.arange(States.SIZE)[States.SHARED]
-    kept = np.exp(-dt / FORGETTING_S)
+    kept = np.exp(-dt / np.append(FORGETTING_S, 2 * [level_time_s]))
     transition[shared, shared] = kept
     noise[shared, shared] = shared_sigma**2 * (1 - kept**2)
     covariance = transition @ belief.covariance @ transition.T + noise

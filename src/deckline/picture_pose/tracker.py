@@ -30,7 +30,7 @@ from deckline.picture_pose.memory import (
 from deckline.picture_pose.model import Mount
 from deckline.picture_pose.ramp import sight_ramp
 from deckline.picture_pose.sights import LevelSight, LineSight, sight_lines
-from deckline.picture_pose.states import Belief, predict, shared_sigmas
+from deckline.picture_pose.states import MIN_LEVEL_RAD, Belief, predict, shared_sigmas
 from deckline.trackers import NEW_FLIGHT_S, UNUSABLE
 from deckline.types import (
     SIDES,
@@ -106,7 +106,6 @@ class PictureTracker:
             return self._answer_alone(given, self._sight(frame, detection, estimate, flags))
         if not np.isfinite(frame.time_s) or frame.time_s <= self._time_s:
             if not frame.time_s <= self._time_s - NEW_FLIGHT_S:
-                self._last = None
                 late = Diagnostic(Reason.BAD_TIME, f"the frame's time {frame.time_s:.3f} s is not after the one before")
                 return PictureAnswer(given, estimate, _lost(frame, (late,)))
             self.reset()
@@ -130,7 +129,7 @@ class PictureTracker:
         if frame.body_from_camera is not self._mounting:
             self._mounting, self._mount = frame.body_from_camera, Mount.of(frame.body_from_camera)
         attitude = None if frame.level_from_body is None else frame.level_from_body.as_matrix()
-        level = LevelSight(None, attitude, self.config.sensors.attitude_white_rad)
+        level = LevelSight(None, attitude, max(self.config.sensors.attitude_white_rad, MIN_LEVEL_RAD))
         return Picture(frame, detection, estimate, sights, self._shared, self._mount, level, flags)
 
     def forecast(self) -> PictureForecast | None:
@@ -171,7 +170,7 @@ class PictureTracker:
         if memory is None or time_s - memory.seen_s > tracking.coast_s:
             return self._start(picture)
         step_s = time_s - memory.belief.time_s
-        memory.belief = predict(memory.belief, time_s, picture.shared)
+        memory.belief = predict(memory.belief, time_s, picture.shared, self.config.sensors.drift_s)
         if contradiction := check_height(memory.belief):
             return self._restart(picture, contradiction.message)
         lines, excluded = select_lines(memory.belief, picture.sights, picture.mount, tracking.gate_sigma)
