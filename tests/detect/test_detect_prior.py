@@ -134,6 +134,17 @@ def test_the_last_box_is_carried_with_half_its_longer_side_around_it():
     assert memory.predict(smaller) is None
 
 
+def test_a_point_that_is_no_number_does_not_spoil_the_box():
+    memory, spoilt = ImagePrior(), ImagePrior()
+    left = DETECTION.left
+    nothing = LinePoints(
+        np.vstack([left.points_px, [np.nan, 450.0]]), *(np.append(of, 1.0) for of in (left.confidence, left.sigma_px))
+    )
+    memory.update(image_at(0.0), DETECTION, SEEN)
+    spoilt.update(image_at(0.0), replace(DETECTION, left=nothing), SEEN)
+    assert spoilt.predict(image_at(0.2)) == memory.predict(image_at(0.2))
+
+
 @pytest.mark.parametrize("time_s", [9.9, 15.1, np.nan])
 def test_what_is_old_or_of_another_flight_is_forgotten(time_s):
     memory = ImagePrior()

@@ -119,6 +119,8 @@ def test_a_shift_is_measured_to_a_tenth_of_a_pixel_in_noise(shift):
     assert measure_shift(grey(reference), grey(clean(0, seed=5))) is None
     far = Crop(CROP.left - 20 * CELL_PX * CROP.step, CROP.top, CROP.step)
     assert measure_shift(grey(reference), grey(sample_crop(image, far, SIZE))) is None
+    small = grey(reference)[:64, :96]
+    assert measure_shift(small, small) is None  # no larger than what is looked for
 
 
 @pytest.mark.parametrize(("degrees", "zoom", "shift"), [(0.0, 1.0, (3.3, -2.1)), (2.0, 0.97, (0.0, 5.0))])

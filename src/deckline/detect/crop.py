@@ -53,8 +53,9 @@ def check_box(box_px: ArrayLike) -> Box:
 
 
 def box_around(left: LinePoints, right: LinePoints) -> Box:
-    """The smallest box around the points of two lines."""
+    """The smallest box around the points of two lines, those left out that are not finite."""
     points = np.concatenate([left.points_px, right.points_px])
+    points = points[np.isfinite(points).all(axis=1)]
     (u0, v0), (u1, v1) = points.min(axis=0), points.max(axis=0)
     return float(u0), float(v0), float(u1), float(v1)
 

@@ -32,9 +32,12 @@ def measure_shift(reference: Float32, other: Float32) -> Float64 | None:
         reference, other: (H, W) grey levels of the same size; NaN is unknown.
 
     Returns:
-        None where no place resembles the reference, or the best one lies as far off as was looked for.
+        None where no place resembles the reference, or the best one lies as far off as was looked for, and for
+        pictures that are no larger than what is looked for.
     """
     inner = _details(reference)[REACH_CELLS:-REACH_CELLS, REACH_CELLS:-REACH_CELLS]
+    if not inner.size:
+        return None
     surface = cv2.matchTemplate(_details(other), inner, cv2.TM_CCOEFF_NORMED)
     row, column = np.unravel_index(int(surface.argmax()), surface.shape)
     is_inside = 0 < row < surface.shape[0] - 1 and 0 < column < surface.shape[1] - 1
