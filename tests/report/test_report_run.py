@@ -152,12 +152,15 @@ def test_ctrl_c_leaves_whole_files_and_resume_gives_the_whole_run(out, tmp_path,
     assert not (out.path / UNFINISHED).exists()
 
 
-def test_a_resumed_run_flags_where_its_track_began_anew(out):
+@pytest.mark.parametrize("bad", [(), (4,)])
+def test_a_resumed_run_flags_where_its_track_began_anew(out, bad):
+    """Also where the first picture after the break is damaged."""
     first, second = (follow(Flight.from_config(CONFIG)) for _ in range(2))
-    out.run(8, Breaking(3, press_ctrl_c, first))
-    out.run(8, Breaking(8, kill, second), resume=True)
-    tracks = [record["track"] for record in out.records()]
-    assert [[flag["name"] for flag in track["flags"]] for track in tracks] == [[]] * 4 + [["resumed"]] + [[]] * 3
+    out.run(Approach(8, bad=bad), Breaking(3, press_ctrl_c, first))
+    out.run(Approach(8, bad=bad), Breaking(8, kill, second), resume=True)
+    tracks = [record["track"] for record in out.records() if "track" in record]
+    after = 3 - len(bad)
+    assert [[flag["name"] for flag in track["flags"]] for track in tracks] == [[]] * 4 + [["resumed"]] + [[]] * after
     assert [track["age_s"] for track in tracks][3:6] == [0.75, 0.0, 0.25]
 
 

@@ -59,7 +59,7 @@ def run(
 
     With the film comes dehazing.jsonl: what dehazing found in its frames. Frames that cannot be used are named on
     stderr, counted and left out. Ctrl-C ends the run after the current frame: what is written is whole, and `resume`
-    goes on from there. A resumed run begins its track anew: the first record after the break carries the flag
+    goes on from there. A resumed run begins its track anew: the first result after the break carries the flag
     "resumed". A source without an end is run until Ctrl-C or `max_frames`, and cannot be resumed.
 
     Args:
@@ -118,7 +118,7 @@ def _fly(
     views: tuple[FlightView, ...],
 ) -> bool:
     """Process every frame that is still missing; returns whether Ctrl-C ended it too early."""
-    first = min(folder.filmed, folder.recorded)
+    first, is_resumed = min(folder.filmed, folder.recorded), folder.recorded > 0
     with ExitStack() as stack:
         stopped = _catch_ctrl_c(source, stack)
         progress = stack.enter_context(_make_progress())
@@ -126,8 +126,8 @@ def _fly(
         try:
             for index, item in enumerate(_read_items(source, first, total), first):
                 outcome = _apply(chain, item)
-                if 0 < index == folder.recorded:
-                    outcome = _flag_resumed(outcome)
+                if is_resumed and index >= folder.recorded and isinstance(outcome, FrameResult):
+                    outcome, is_resumed = _flag_resumed(outcome), False
                 if index >= folder.recorded:
                     result, record = _make_record(outcome, chain)
                     writer.write(record)
@@ -184,12 +184,12 @@ def _make_record(outcome: FrameResult | BadFrame, chain: Chain) -> tuple[FrameRe
     return outcome, frame_record(outcome, chain.config.approach)
 
 
-def _flag_resumed(outcome: FrameResult | BadFrame) -> FrameResult | BadFrame:
+def _flag_resumed(result: FrameResult) -> FrameResult:
     """The first result after a break of the run, whose track knows nothing of the frames before it."""
-    if isinstance(outcome, BadFrame) or outcome.track is None:
-        return outcome
-    track = replace(outcome.track, flags=(*outcome.track.flags, RESUMED))
-    return replace(outcome, track=track, guidance=outcome.guidance.with_flag(RESUMED))
+    if result.track is None:
+        return result
+    track = replace(result.track, flags=(*result.track.flags, RESUMED))
+    return replace(result, track=track, guidance=result.guidance.with_flag(RESUMED))
 
 
 def _format_counts(counts: dict[str, int]) -> str:
