@@ -83,7 +83,7 @@ def _median(values: Array, valid: NDArray[np.bool_]) -> Array:
 
 
 def select_independent(points_px: Array, usable: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Mask (N,) of usable points whose windows share no pixel, selected from the near end of the line on."""
+    """Mask (N,) of usable points whose windows share no pixel, selected from the end with the larger v, or u, on."""
     selected = np.zeros(len(points_px), dtype=bool)
     if not usable.any():
         return selected

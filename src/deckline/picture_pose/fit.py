@@ -63,12 +63,12 @@ def fit_pose(
 
 
 def closed_form(
-    sights: dict[str, LineSight], mount: Mount, camera_roll: float, config: RunConfig
+    sights: dict[str, LineSight], mount: Mount, roll_rad: float, config: RunConfig
 ) -> tuple[Array, Array] | Diagnostic:
     """runway_from_body (3, 3) and distance, lateral deviation and height, m, without noise and slopes.
 
     Args:
-        camera_roll: of the aircraft, as far as it is known, rad.
+        roll_rad: of the aircraft, as far as it is known.
     """
     normals = {side: mount.rotation @ np.cross(*sight.rays) for side, sight in sights.items()}  # body
     rays = {side: sight.rays @ mount.rotation.T for side, sight in sights.items()}
@@ -81,10 +81,10 @@ def closed_form(
     ahead = ahead if ahead[0] > 0 else -ahead
     if ahead[0] < MIN_AHEAD:
         return Diagnostic(Reason.NO_VANISHING_POINT, "the lines do not meet ahead: the runway is seen from beside")
-    levelled = np.array(Rotation.from_euler("X", camera_roll).as_matrix() @ ahead)
+    levelled = np.array(Rotation.from_euler("X", roll_rad).as_matrix() @ ahead)
     pitch = float(np.arctan2(levelled[2], levelled[0]))
     heading = -float(np.arctan2(levelled[1], np.hypot(levelled[0], levelled[2])))
-    rotation = attitude(camera_roll, pitch, heading).as_matrix()
+    rotation = attitude(roll_rad, pitch, heading).as_matrix()
     per_height = {}  # of each line's place to the right of the aircraft
     for side in SIDES:
         normal, ray = rotation @ normals[side], rays[side] @ rotation.T
