@@ -236,6 +236,10 @@ class Flight:
         """The flags of all monitors; `detection`: None when the points were given. Late frames are not monitored."""
         if prediction is None or prediction.refused is not None:
             return ()
+        if prediction.step_s < 0:  # another flight; the scheduler has seen this frame already
+            for monitor in self._monitors:
+                if monitor is not self._scheduler:
+                    monitor.reset()
         flags = (monitor.update(prediction.frame, estimate, detection) for monitor in self._monitors)
         return tuple(chain.from_iterable(flags))
 

@@ -34,16 +34,12 @@ class HorizonSearch:
             self._thread.shutdown(cancel_futures=True)
             self._thread = None
 
-    def is_earlier(self, time_s: float) -> bool:
-        """Whether a time lies before the last search, or is no number: of another flight."""
-        return not self._last_s <= time_s
-
     def take(self, time_s: float) -> Horizon | NoHorizon | None:
         """The answer that is due at a frame's time, of the picture that was searched; None: there is none."""
         if self._pending is None or time_s - self._last_s < ANSWER_S:
             return None
-        found, self._pending = self._pending.result(), None
-        return found
+        pending, self._pending = self._pending, None
+        return pending.result()
 
     def is_due(self, time_s: float) -> bool:
         """Whether the next search should start."""

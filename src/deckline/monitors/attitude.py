@@ -60,8 +60,6 @@ class AttitudeMonitor:
         """Take the result that is due, and start the next search when it is time."""
         if detection is None:
             return self._flags
-        if self._search.is_earlier(frame.time_s):
-            self.reset()
         found = self._search.take(frame.time_s)
         if found is not None and self._searched is not None:
             self._compare(*self._searched, found)

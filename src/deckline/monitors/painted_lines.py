@@ -102,8 +102,6 @@ class PaintMonitor:
         """Check the picture when it is time."""
         if detection is None:
             return self._flags
-        if not self._last_s <= frame.time_s:  # another flight, or not a number
-            self.reset()
         lines = estimate.pixel_lines
         is_painted = detection.edge in (None, EdgeKind.PAINT)
         is_due = self.every_s > 0 and frame.time_s - self._last_s >= self.every_s
