@@ -138,9 +138,9 @@ def shown(index, stripes, left=0.0, right=1.0, step_s=0.5):
     return frame, RunwayEstimate(LineVisibility.BOTH, DepthMode.NONE, {"left": line(left), "right": line(right)}, {})
 
 
-def flags(views, every_s=0.5, edge=None):
+def flags(views, every_s=0.5, edge=None, monitor=None):
     """Whether each frame is flagged."""
-    monitor, detection = PaintMonitor(every_s), Detection(LinePoints.empty(), LinePoints.empty(), edge=edge)
+    monitor, detection = monitor or PaintMonitor(every_s), Detection(LinePoints.empty(), LinePoints.empty(), edge=edge)
     found = [monitor.update(frame, estimate, detection) for frame, estimate in views]
     assert {flag.reason for flags in found for flag in flags} <= {Reason.PAINT}
     return [bool(flags) for flags in found]
@@ -186,8 +186,10 @@ def test_a_distorted_picture_is_checked_without_its_distortion(lens):
 
 
 def test_another_flight_begins_without_a_flag():
-    seen = flags([*(shown(k, EDGES, left=0.15) for k in range(4)), shown(0, CENTRED)])
-    assert seen[3] and not seen[4]
+    monitor = PaintMonitor(0.5)
+    assert flags([shown(k, EDGES, left=0.15) for k in range(4)], monitor=monitor)[3]
+    monitor.reset()
+    assert not flags([shown(0, CENTRED)], monitor=monitor)[0]
 
 
 def detector(left):
