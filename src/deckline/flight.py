@@ -178,6 +178,9 @@ class Flight:
         """
         seconds: dict[str, float] = {}
         prediction = None if self.tracker is None else self.tracker.predict(frame)
+        if prediction is not None and prediction.step_s < 0:  # another flight
+            for monitor in self._monitors:
+                monitor.reset()
         is_given = detection is not None
         dehazed = self._dehaze(frame, not is_given, seconds)
         if detection is None:
@@ -236,10 +239,6 @@ class Flight:
         """The flags of all monitors; `detection`: None when the points were given. Late frames are not monitored."""
         if prediction is None or prediction.refused is not None:
             return ()
-        if prediction.step_s < 0:  # another flight; the scheduler has seen this frame already
-            for monitor in self._monitors:
-                if monitor is not self._scheduler:
-                    monitor.reset()
         flags = (monitor.update(prediction.frame, estimate, detection) for monitor in self._monitors)
         return tuple(chain.from_iterable(flags))
 
