@@ -11,9 +11,10 @@ from test_detect_scheduler import BLANK, BOX, HERE, OracleDetector
 
 from deckline.config import Models, RunConfig
 from deckline.dehaze.base import IdentityDehazer
+from deckline.detect import joined as joined_module
 from deckline.detect.anchors import NetworkOutput
 from deckline.detect.coarse_to_fine import DetectConfig
-from deckline.detect.crop import CONTRAST_FLOOR, Crop, normalise, sample_crop
+from deckline.detect.crop import CONTRAST_FLOOR, Crop, crop_around, normalise, sample_crop
 from deckline.detect.joined import MAX_AGE_S, FrameStack, view_joined, view_place_joined
 from deckline.detect.motion import DeckMotion, KeptPicture, SeenMotion, plane_homography
 from deckline.detect.registration import CELL_PX, grey, measure_affine, measure_shift
@@ -85,6 +86,19 @@ def clean(index, **how):
 
 def rms(pixels):
     return float(np.sqrt(np.nanmean(np.square(pixels))))
+
+
+def test_a_crop_that_magnifies_is_joined_on_fewer_samples_and_shows_the_same(monkeypatch):
+    stack = stack_of([take(k) for k in range(8)])
+    box, motion = (100.0, 70.0, 124.0, 84.0), DeckMotion(RUNWAY, STILL)
+    crop = crop_around(box, (256, 144), SIZE, 0.6, 24.0)
+    fewer = stack.join(crop, SIZE, motion)
+    monkeypatch.setattr(joined_module, "REDUCTIONS", (1,))
+    all_samples = stack.join(crop, SIZE, motion)
+    assert not np.array_equal(fewer.pixels, all_samples.pixels)
+    assert fewer.frames == all_samples.frames == 8 and fewer.pixels.shape == all_samples.pixels.shape
+    difference = rms(fewer.pixels - all_samples.pixels)
+    assert difference < 0.02 * np.std(all_samples.pixels)
 
 
 def test_the_homography_is_that_of_points_on_a_moving_plane():

@@ -38,6 +38,10 @@ class Crop:
         """Image pixels (N, 2) -> network pixels (N, 2)."""
         return (np.asarray(points_px, dtype=np.float64) + 0.5 - [self.left, self.top]) / self.step - 0.5
 
+    def resampled(self, network_px: float) -> "Crop":
+        """The same edges, seen with pixels as wide as so many network px."""
+        return Crop(self.left, self.top, self.step * network_px)
+
     def bounds(self, width: int, height: int) -> Box:
         """u0, v0, u1, v1 of the crop's edges in image pixels, for a network image of this size."""
         u0, v0 = self.left - 0.5, self.top - 0.5

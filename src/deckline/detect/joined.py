@@ -14,12 +14,15 @@ from numpy.typing import NDArray
 
 from deckline.detect.crop import CONTRAST_FLOOR, Box, Crop, crop_around, normalise, sample_crop
 from deckline.detect.motion import KeptPicture, Motion, SeenMotion, crop_corners, place_motion
-from deckline.detect.registration import grey
+from deckline.detect.registration import CELL_PX, grey
 from deckline.detect.search import CropView, Search
 from deckline.types import Frame
 
 MAX_AGE_S = 1.0  # of a picture; a deck's motion of more than that is no translation in the picture
 MAX_STEP = 1.0  # image px per network px; a runway that needs a coarser crop is near
+# Image px between two samples of the joined pictures at most, where a network px shows less: finer ones show no more.
+SAMPLE_PX = 0.8
+REDUCTIONS = 1, 2, 4  # network px between two samples
 MAX_SCALE = 1.25  # between two pictures; more is seen from too different places
 MAX_EXPOSURE = 2.0  # ratio of two pictures' brightness in the crop; more is another scene
 FADING = 3.912  # extinction times range of what one frame barely shows: the contrast there is 2 %
@@ -90,11 +93,14 @@ class FrameStack:
         if len(self._kept) < 2 or crop.step > MAX_STEP:
             return None
         newest = self._kept[-1]
-        total = sample_crop(newest.image_rgb, crop, network_size)
+        reduction = _reduction(crop, network_size)
+        size, crop = (network_size[0] // reduction, network_size[1] // reduction), crop.resampled(reduction)
+        total = sample_crop(newest.image_rgb, crop, size)
         first, weights = total.copy(), [1.0]
         motion = motion or SeenMotion()
+        cell_px = CELL_PX // reduction
         for picture in list(self._kept)[-2::-1]:
-            sampled = _sample(picture, newest, crop, first, total, motion)
+            sampled = _sample(picture, newest, crop, first, total, motion, cell_px)
             if sampled is not None:
                 weight = _weight(motion.range_ratio(picture, newest))
                 total = np.asarray(cv2.scaleAdd(sampled, weight, total))
@@ -102,7 +108,8 @@ class FrameStack:
         if len(weights) < 2:
             return None
         gain = float(np.sqrt(np.square(weights).sum())) / sum(weights)
-        return JoinedCrop(total / np.float32(sum(weights)), len(weights), gain)
+        mean = cv2.resize(total / np.float32(sum(weights)), network_size, interpolation=cv2.INTER_LINEAR)
+        return JoinedCrop(np.asarray(mean), len(weights), gain)
 
 
 def view_joined(search: Search, box: Box, stack: FrameStack, motion: Motion | None) -> CropView | None:
@@ -146,8 +153,14 @@ def _view_stack(search: Search, crop: Crop, stack: FrameStack, motion: Motion | 
     return search.view_pixels(normalise(joined.pixels, CONTRAST_FLOOR * joined.noise_gain), crop, joined.frames)
 
 
+def _reduction(crop: Crop, network_size: tuple[int, int]) -> int:
+    """Network px between two samples of the joined pictures."""
+    fitting = [many for many in REDUCTIONS if all(side % many == 0 for side in network_size)]
+    return max((many for many in fitting if many * crop.step <= SAMPLE_PX), default=1)
+
+
 def _sample(
-    old: KeptPicture, new: KeptPicture, crop: Crop, first: Float32, total: Float32, motion: Motion
+    old: KeptPicture, new: KeptPicture, crop: Crop, first: Float32, total: Float32, motion: Motion, cell_px: int
 ) -> Float32 | None:
     """An old picture in a crop of a new one, (height, width, 3), with the brightness of the new one; None: refused.
 
@@ -160,7 +173,7 @@ def _sample(
     if corners is None or not _is_alike(corners, crop.to_image(crop_corners((width, height)))):
         return None
     part, matrix = _cut_out(old.image_rgb, corners, (width, height))
-    residual = motion.register(grey(total), _warp(grey(part), matrix, (width, height)))
+    residual = motion.register(grey(total), _warp(grey(part), matrix, (width, height)), cell_px)
     if residual is None:
         return None
     sampled = _warp(part, matrix @ residual, (width, height))

@@ -42,11 +42,12 @@ class Motion(Protocol):
     def range_ratio(self, old: KeptPicture, new: KeptPicture) -> float:
         """How much farther away the place was in the old picture: 1 for a camera at rest."""
 
-    def register(self, reference: Float32, sampled: Float32) -> Float64 | None:
+    def register(self, reference: Float32, sampled: Float32, cell_px: int) -> Float64 | None:
         """What a picture sampled between the corners is still off: (3, 3), from places of a reference, network px.
 
         Args:
             reference, sampled: (height, width) grey levels; NaN is unknown.
+            cell_px: as for `registration.measure_shift`.
 
         Returns:
             None where it does not show the same place.
@@ -77,8 +78,8 @@ class DeckMotion:
         new_m = np.linalg.norm(place - new.world_from_camera.translation)
         return float(np.linalg.norm(earlier - old.world_from_camera.translation) / new_m)
 
-    def register(self, reference: Float32, sampled: Float32) -> Float64 | None:
-        shift = measure_shift(reference, sampled)
+    def register(self, reference: Float32, sampled: Float32, cell_px: int) -> Float64 | None:
+        shift = measure_shift(reference, sampled, cell_px)
         return None if shift is None else np.array([[1.0, 0.0, shift[0]], [0.0, 1.0, shift[1]], [0.0, 0.0, 1.0]])
 
     def _place_m(self) -> Float64:
@@ -119,8 +120,8 @@ class SeenMotion:
     def range_ratio(self, old: KeptPicture, new: KeptPicture) -> float:
         return 1.0 + self.expansion_per_s * (new.time_s - old.time_s)
 
-    def register(self, reference: Float32, sampled: Float32) -> Float64 | None:
-        found = measure_affine(reference, sampled)
+    def register(self, reference: Float32, sampled: Float32, cell_px: int) -> Float64 | None:
+        found = measure_affine(reference, sampled, cell_px)
         if found is None:
             return None
         matrix, age_s, middle = self._matrix(), self._age_s, self._middle_px
