@@ -4,6 +4,7 @@ import math
 import os
 import platform
 import sys
+import threading
 import time
 from collections.abc import Callable, Sequence
 from functools import cache
@@ -206,8 +207,12 @@ def compile_openvino(path: Path, engine: Engine, output_names: Sequence[str]) ->
     except RuntimeError as error:
         raise ValueError(f"{path}: OpenVINO cannot compute this model: {get_line(error)}") from error
 
+    requests = threading.local()  # one for each thread: threads may call at a time
+
     def compute(inputs: dict[str, NDArray[np.float32]]) -> Sequence[NDArray]:
-        outputs = compiled.infer_new_request(inputs)  # a request of its own for each call: threads may call at a time
+        if not hasattr(requests, "own"):
+            requests.own = compiled.create_infer_request()
+        outputs = requests.own.infer(inputs, share_inputs=True)
         return [outputs[name] for name in output_names]
 
     return compute
