@@ -35,10 +35,13 @@ from deckline.monitors import Monitor, build_monitors
 from deckline.picture_pose import PictureForecast, PictureTracker
 from deckline.track import Forecast, Prediction, Tracker, ship_velocity
 from deckline.types import (
+    DepthMode,
     Detection,
     Diagnostics,
     Frame,
     Guidance,
+    LinePoints,
+    LineVisibility,
     RunwayEstimate,
     RunwayPrior,
     Track,
@@ -76,6 +79,10 @@ class Flight:
     it. Frames that are unrelated to each other get results of their own; for these `tracking.enabled = false` saves the
     filter. `reset` starts another flight with the same models. `close`, or leaving `with Flight(...) as flight`, ends
     the threads of its monitors.
+
+    With tracking, `Tracker.predict` alone judges a frame's time. A time that is not a number, repeated, or a little
+    earlier than the one before is refused: no stage sees that frame, and its answer has the reason BAD_TIME and no
+    numbers. A time more than two seconds back starts another flight. All stages rely on times that increase.
 
     Args:
         config: everything that decides the answers.
@@ -134,10 +141,14 @@ class Flight:
 
     def reset(self) -> None:
         """Start another flight: forget all frames."""
-        self._image_prior = ImagePrior()
-        self._stack.reset()
         if self.tracker is not None:
             self.tracker.reset()
+        self._reset_stages()
+
+    def _reset_stages(self) -> None:
+        """Forget all frames but the tracker's, which says itself why its track ends."""
+        self._image_prior = ImagePrior()
+        self._stack.reset()
         self.picture.reset()
         for monitor in self._monitors:
             monitor.reset()
@@ -171,16 +182,17 @@ class Flight:
         """One frame through all stages.
 
         Args:
-            frame: the next one of the flight.
+            frame: the next one of the flight, or the first one of another.
             prior: where the runway should be; None: where the track, the survey or the last picture has it.
             detection: points of the lines that are known already; the picture is then not searched.
             rng: RANSAC's draws; None: a generator of the frame's own, from `config.seed` and the file's name.
         """
         seconds: dict[str, float] = {}
         prediction = None if self.tracker is None else self.tracker.predict(frame)
+        if prediction is not None and prediction.refused is not None:
+            return self._refuse(prediction)
         if prediction is not None and prediction.step_s < 0:  # another flight
-            for monitor in self._monitors:
-                monitor.reset()
+            self._reset_stages()
         is_given = detection is not None
         dehazed = self._dehaze(frame, not is_given, seconds)
         if detection is None:
@@ -189,7 +201,8 @@ class Flight:
         points = detection
         rng = rng or np.random.default_rng([self.config.seed, zlib.crc32(frame.file.encode())])
         estimate = _timed(seconds, "localize", lambda: self.localizer(frame, points, self.config, rng))
-        flags = self._monitor(prediction, estimate, None if is_given else points)
+        monitored = (monitor.update(frame, estimate, None if is_given else points) for monitor in self._monitors)
+        flags = tuple(chain.from_iterable(monitored))
         track = _timed(seconds, "track", lambda: self._update_track(prediction, points, estimate, flags))
         self._by_picture = False
         if frame.world_from_body is None:
@@ -200,6 +213,13 @@ class Flight:
                 frame, estimate, track = answer.frame, answer.estimate, answer.track
         advice = _timed(seconds, "guide", lambda: guidance(frame, estimate, track, self.config.approach))
         return FrameResult(frame, points, estimate, advice, seconds, track, dehazed)
+
+    def _refuse(self, prediction: Prediction) -> FrameResult:
+        """The answer to a frame whose time cannot be used."""
+        frame, nothing = prediction.frame, Detection(LinePoints.empty(), LinePoints.empty())
+        estimate = RunwayEstimate(LineVisibility.NONE, DepthMode.NONE, {}, {})
+        track = self._update_track(prediction, nothing, estimate, ())
+        return FrameResult(frame, nothing, estimate, guidance(frame, estimate, track, self.config.approach), {}, track)
 
     def _dehaze(self, frame: Frame, is_searched: bool, seconds: dict[str, float]) -> DehazeResult | None:
         models = self.config.models
@@ -232,15 +252,6 @@ class Flight:
             return self.detector(picture, box)
         at_place = partial(view_place_joined, stack=self._stack, frame=frame, velocity_m_s=velocity)
         return self._scheduler.detect(frame.time_s, picture, box, is_sure, joined, at_place, is_wide)
-
-    def _monitor(
-        self, prediction: Prediction | None, estimate: RunwayEstimate, detection: Detection | None
-    ) -> Diagnostics:
-        """The flags of all monitors; `detection`: None when the points were given. Late frames are not monitored."""
-        if prediction is None or prediction.refused is not None:
-            return ()
-        flags = (monitor.update(prediction.frame, estimate, detection) for monitor in self._monitors)
-        return tuple(chain.from_iterable(flags))
 
     def _update_track(
         self, prediction: Prediction | None, detection: Detection, estimate: RunwayEstimate, flags: Diagnostics

@@ -2,7 +2,6 @@
 
 from deckline.types import Diagnostic, Reason
 
-NEW_FLIGHT_S = 2.0  # a time this far back is another flight, not a late frame
 UNUSABLE = {Reason.FROZEN}  # flags of a frame whose lines may not update the track
 # Frames so close together err alike, so that they count as one: points are off the same way, and a deck moves otherwise
 # than as an oscillation. 30 full frames a second contradict a stated width in half of the nominal flights.

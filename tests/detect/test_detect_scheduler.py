@@ -86,10 +86,9 @@ def test_after_the_first_no_picture_takes_more_than_three_views(picture, is_sure
     assert max(views[1:]) <= VIEWS
 
 
-@pytest.mark.parametrize("gap_s", [5.0, -5.0])
-def test_in_live_flight_no_picture_is_searched_whole_unless_all_come_slowly(gap_s):
+def test_in_live_flight_no_picture_is_searched_whole_unless_all_come_slowly():
     quick = [number / 30 for number in range(40)]
-    times = quick + [time_s + gap_s for time_s in quick]
+    times = quick + [time_s + 5.0 for time_s in quick]
     slow = [times[-1] + 1.5 * number for number in range(1, 4)]
     scheduler = SearchScheduler(short_sighted(), 1.0, first_at_once=False)
     views, _ = detect_at(scheduler, times + slow, repeat(BLANK), None, False)

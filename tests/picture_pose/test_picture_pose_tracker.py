@@ -121,24 +121,6 @@ def test_a_reset_forgets_all_frames(follower):
         np.testing.assert_array_equal(one.frame.world_from_body.as_matrix(), other.frame.world_from_body.as_matrix())
 
 
-@pytest.mark.parametrize("time_s", [np.nan, np.inf, 0.9, 0.45])
-def test_a_frame_whose_time_cannot_be_used_changes_nothing(follower, time_s):
-    follower.follow(FLIGHT, seconds(0.0, 1.0))
-    before = follower.belief
-    odd = follower(replace(frame_at(0.9), time_s=time_s), see(FLIGHT(1.0)))
-    assert odd.track.state is TrackState.LOST
-    assert odd.frame.world_from_body is None
-    assert reasons(odd.track.diagnostics) == [Reason.BAD_TIME]
-    assert follower.belief is before
-    assert follower.tracker.forecast().at(1.0) is not None
-
-
-def test_a_time_far_back_begins_another_flight(follower):
-    follower.follow(FLIGHT, seconds(3.0, 4.0))
-    (answer,) = follower.follow(FLIGHT, [0.0])
-    assert (answer.track.state, answer.track.age_s) == (TrackState.TRACKING, 0.0)
-
-
 def test_a_gap_is_bridged_with_growing_uncertainty_and_then_lost(follower):
     follower.follow(FLIGHT, seconds(0.0, 2.0), np.random.default_rng(2))
     states, sigmas, misses = [], [], []

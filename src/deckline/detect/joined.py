@@ -63,13 +63,8 @@ class FrameStack:
     def add(self, frame: Frame, image_rgb: NDArray[np.uint8]) -> None:
         """Keep the picture of the next frame, (H, W, 3), in which the detector searches.
 
-        A frame whose time is not after the last one's, or comes more than `MAX_AGE_S` later, empties the stack; a
-        picture that repeats the last one replaces it.
+        Pictures that are more than `MAX_AGE_S` older are dropped; a picture that repeats the last one replaces it.
         """
-        if self._kept and not 0 < frame.time_s - self._kept[-1].time_s <= MAX_AGE_S:
-            self.reset()
-        if not np.isfinite(frame.time_s):
-            return
         while self._kept and frame.time_s - self._kept[0].time_s > MAX_AGE_S:
             self._kept.popleft()
         if self._kept and _is_repeated(image_rgb, self._kept[-1].image_rgb):

@@ -116,7 +116,7 @@ class ImagePrior:
     """Carries the last image's lines forward, for frames of one flight in their order that no tracker can follow.
 
     Without a pose nothing better is known; with one a tracker predicts better. Constant memory. An image older than
-    MAX_AGE_S is forgotten; so is one from the future, when time runs backwards.
+    MAX_AGE_S is forgotten.
     """
 
     def __init__(self) -> None:
@@ -124,7 +124,7 @@ class ImagePrior:
 
     def predict(self, frame: Frame) -> Box | None:
         """Where the runway was in the last image, with a margin; None when it was not seen lately."""
-        if self._last is not None and not 0 <= frame.time_s - self._last[0] <= MAX_AGE_S:
+        if self._last is not None and frame.time_s - self._last[0] > MAX_AGE_S:
             self._last = None
         if self._last is None or self._last[1] != (frame.camera.width, frame.camera.height):
             return None

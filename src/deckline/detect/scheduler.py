@@ -127,7 +127,7 @@ class SearchScheduler:
         """
         before_s, passed_s = self._passed_s, time_s - self._seen_s
         self._passed_s, self._seen_s = passed_s, time_s
-        if not 0 < passed_s <= self.search_s:
+        if passed_s > self.search_s:
             if self.first_at_once or before_s > self.search_s or not self.search_s:
                 return self._search_at_once(time_s, image_rgb, box)
             self._held, self._place, passed_s = None, None, 0.0  # what was seen so long ago is elsewhere

@@ -31,7 +31,7 @@ from deckline.picture_pose.model import Mount
 from deckline.picture_pose.ramp import sight_ramp
 from deckline.picture_pose.sights import LevelSight, LineSight, sight_lines
 from deckline.picture_pose.states import MIN_LEVEL_RAD, Belief, predict, shared_sigmas
-from deckline.trackers import NEW_FLIGHT_S, UNUSABLE
+from deckline.trackers import UNUSABLE
 from deckline.types import (
     SIDES,
     Detection,
@@ -65,6 +65,8 @@ class PictureAnswer:
 class PictureTracker:
     """Follows the aircraft in the runway's frame by its pictures alone, through the frames of one flight.
 
+    Their times are finite and increase: `Tracker.predict` names those that do not.
+
     Args:
         config: what is stated of runway, camera and aircraft; `tracking` as for a navigation unit's track.
     """
@@ -81,7 +83,6 @@ class PictureTracker:
         self._search.reset()
         self._memory: TrackMemory | None = None
         self._camera: Camera | None = None
-        self._time_s = -np.inf
         self._changed_s = -np.inf  # when a track ended by a contradiction; the tracks after it are in doubt
         self._last: Track | None = None
         self._shared = np.ones(0)
@@ -104,14 +105,9 @@ class PictureTracker:
             frame = replace(frame, camera=Camera.assumed(frame.camera.width, frame.camera.height))
         if not self.config.tracking.enabled:
             return self._answer_alone(given, self._sight(frame, detection, estimate, flags))
-        if not np.isfinite(frame.time_s) or frame.time_s <= self._time_s:
-            if not frame.time_s <= self._time_s - NEW_FLIGHT_S:
-                late = Diagnostic(Reason.BAD_TIME, f"the frame's time {frame.time_s:.3f} s is not after the one before")
-                return PictureAnswer(given, estimate, _lost(frame, (late,)))
-            self.reset()
         if frame.camera != self._camera:
             self.reset()
-        self._camera, self._time_s = frame.camera, frame.time_s
+        self._camera = frame.camera
         picture = self._sight(frame, detection, estimate, flags)
         found = self._search.take(frame.time_s)
         if found is not None and self._memory is not None:

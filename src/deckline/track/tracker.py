@@ -16,7 +16,7 @@ from deckline.track.prior_tests import is_young
 from deckline.track.protection import fault_gains
 from deckline.track.stated_width import compare_width
 from deckline.track.states import SENSOR_FLOOR, FilterState, initial_state
-from deckline.trackers import NEW_FLIGHT_S, UNUSABLE, noise_inflation
+from deckline.trackers import UNUSABLE, noise_inflation
 from deckline.types import (
     SIDES,
     Diagnostic,
@@ -31,7 +31,7 @@ from deckline.types import (
 )
 
 Array = NDArray[np.float64]
-MAX_REFUSED = 10  # frames in a row: without a time the track's age is unknown
+NEW_FLIGHT_S = 2.0  # a time this far back is another flight, not a late frame
 CAUSE_SIGMA = 3.0  # of the stated width, beyond which it is named as the cause of lines that begin no track
 ROUNDING_S = 1e-6  # of sums of times
 MAX_SPEED_SIGMA_M_S = 3.0  # of the runway along its lines, beyond which its speed counts as unknown
@@ -46,7 +46,7 @@ class Prediction:
     refused: Diagnostic | None = None
     """Why the frame's time cannot be used; None: it can."""
     step_s: float = 0.0
-    """Since the frame before, s; 0: there is none."""
+    """Since the frame before, s; 0: there is none; negative: another flight begins."""
     memory: TrackMemory | None = None
     """The track's memory with state and aircraft at the frame's time, and its camera; None: no track continues."""
     runway: RunwayPrior | None = None
@@ -73,9 +73,9 @@ class FrameContext:
 class Tracker:
     """Follows the runway through the frames of one flight, in the order of their times.
 
-    Frames that cannot be used are bridged; `Track.diagnostics` gives the reason: without pose, without a line, with a
-    time that is not a number, repeated, or a little earlier than one before. A time more than two seconds back, a gap
-    longer than `tracking.coast_s`, or a pose that jumps starts a new track.
+    Frames without a pose or a line are bridged; `Track.diagnostics` gives the reason. A frame whose time is not a
+    number, repeated, or a little earlier than the one before changes nothing, and its `Track` is LOST. A time more than
+    two seconds back, a gap longer than `tracking.coast_s`, or a pose that jumps starts a new track.
 
     `Track.flags` names what lasts and would mislead; a single measurement that was left out is in `Track.excluded`.
     """
@@ -90,7 +90,6 @@ class Tracker:
         self._memory: TrackMemory | None = None
         self._faults = FaultMonitor()
         self._time_s: float | None = None  # of the last frame that was used
-        self._refused = 0  # frames in a row whose time cannot be used
         self._last: Track | None = None
 
     def predict(self, frame: Frame) -> Prediction:
@@ -99,10 +98,10 @@ class Tracker:
         if refused is not None or self._time_s is None:
             return Prediction(frame, refused)
         step_s = time_s - self._time_s
-        if memory is None:
-            return Prediction(frame, None, step_s)
         if step_s < 0:
             return Prediction(frame, None, step_s, restart=self._end("the time went back"), is_new_flight=True)
+        if memory is None:
+            return Prediction(frame, None, step_s)
         if step_s > self.config.tracking.coast_s + ROUNDING_S:
             return Prediction(frame, None, step_s, restart=self._end(f"no frame for {step_s:.1f} s"))
         camera = frame.world_from_camera
@@ -128,13 +127,8 @@ class Tracker:
         """
         time_s = prediction.frame.time_s
         if prediction.refused is not None:
-            self._refused += 1
-            if self._last is None or self._refused > MAX_REFUSED:
-                return Track(time_s, TrackState.LOST, {}, flags=flags, diagnostics=(prediction.refused,))
-            state = TrackState.COASTING if self._last.state is TrackState.TRACKING else self._last.state
-            # Its lines are those of a later time: no level bounds their error at this frame's pose.
-            return replace(self._last, state=state, diagnostics=(prediction.refused,), excluded=(), protection=None)
-        self._refused, self._time_s = 0, time_s
+            return Track(time_s, TrackState.LOST, {}, diagnostics=(prediction.refused,))
+        self._time_s = time_s
         unusable = tuple(flag for flag in flags if flag.reason in UNUSABLE)
         track = self._advance(prediction, estimate, unusable, frames)
         self._last = replace(track, flags=track.flags + tuple(flag for flag in flags if flag not in unusable))
@@ -160,9 +154,9 @@ class Tracker:
         return Diagnostic(Reason.BAD_TIME, f"the frame is {self._time_s - time_s:.3f} s older than the one before")
 
     def _end(self, why: str) -> Diagnostic | None:
-        """Why the track ends; None for one of a single frame: unrelated frames lose nothing."""
-        is_young = self._memory is not None and self._time_s == self._memory.start_s
-        return None if is_young else _restart(why)
+        """Why the track ends; None: there is none, or one of a single frame: unrelated frames lose nothing."""
+        memory = self._memory
+        return None if memory is None or memory.start_s == self._time_s else _restart(why)
 
     def _predict_runway(self, memory: TrackMemory, frame: Frame) -> RunwayPrior | None:
         """Where the runway should be in the frame; None when no line was used for too long."""

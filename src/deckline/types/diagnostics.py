@@ -29,7 +29,7 @@ class Status(StrEnum):
     STALE = "stale"
     """The picture is not new."""
     NOT_SEEN = "not seen"
-    """No line is trustworthy."""
+    """No line is trustworthy, or the frame's time cannot be used."""
 
 
 class Scale(StrEnum):
@@ -106,7 +106,7 @@ class Reason(StrEnum):
     HORIZON = "horizon"
     """A line lies along the horizon."""
     BAD_TIME = "bad time"
-    """The frame's time is no number, or before the track's."""
+    """The frame's time is no number, or not after the time of the frame before."""
     RESTARTED = "restarted"
     """The track began anew."""
     BORESIGHT = "boresight"

@@ -32,7 +32,7 @@ from deckline.report.advice import TO_DO
 from deckline.report.instrument import FULL_SCALE_DOTS, GLIDESLOPE_DOT_DEG, LATERAL_DOTS
 from deckline.report.records import Record
 from deckline.report.status import STATUS_COLOURS
-from deckline.trackers import NEW_FLIGHT_S
+from deckline.track.tracker import NEW_FLIGHT_S
 from deckline.types import Status
 
 DEFAULT = "127.0.0.1:8080"
