@@ -9,6 +9,7 @@ and needs the extras sim and train; without them, and with --no-commands, there 
 import argparse
 import json
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -110,4 +111,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # a reader that has read enough, as `head`, is no error
     sys.exit(main())
