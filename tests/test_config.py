@@ -97,6 +97,16 @@ def read(tmp_path):
     return configure
 
 
+def test_a_file_is_read_once_for_all_bases(tmp_path):
+    path = tmp_path / "deck.toml"
+    path.write_text('[sensors]\ngrade = "good"\n[deck]\nwidth_m = 12.0')
+    options = RunOptions(config=path, sea_state=2.0)
+    first = options.run_config()
+    path.unlink()
+    assert options.run_config() == first != RunConfig()
+    assert options.run_config(RunConfig(seed=first.seed + 1)) == replace(first, seed=first.seed + 1)
+
+
 def test_a_file_starts_from_a_grade_and_options_override_it(read):
     text = '[sensors]\ngrade = "good"\ndeck_z_m = 0.3\n[deck]\nwidth_m = 21\n'
     config = read(text, runway_width_m=22.0, touchdown_m=120.0)

@@ -1,6 +1,7 @@
 """The command-line options of a `RunConfig`, the same for every command that flies."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -111,6 +112,11 @@ class RunOptions:
     thorough: tyro.conf.FlagCreatePairsOff[bool] = False
     no_track: tyro.conf.FlagCreatePairsOff[bool] = False
 
+    @cached_property
+    def _table(self) -> dict[str, Any]:
+        """Of the file, which is read once, however many configurations are made."""
+        return {} if self.config is None else read_toml(self.config)
+
     def run_config(self, base: RunConfig | None = None) -> RunConfig:
         """The configuration: `base`, overridden by the file, overridden by the options.
 
@@ -120,7 +126,7 @@ class RunOptions:
         """
         config = base or RunConfig()
         if self.config is not None:
-            config = read_run_config(self.config, config)
+            config = _override(config, self._table, self.config)
         if self.grade is not None:
             config = replace(config, sensors=with_grade(config.sensors, self.grade))
         flags = {"enabled": False} if self.no_track else {}
@@ -148,13 +154,17 @@ def read_run_config(path: Path, base: RunConfig | None = None) -> RunConfig:
         OSError: the file cannot be read.
         ValueError: an unknown key or grade, or a value of a wrong type or out of range.
     """
-    table, config = read_toml(path), base or RunConfig()
+    return _override(base or RunConfig(), read_toml(path), path)
+
+
+def _override(config: RunConfig, table: dict[str, Any], path: Path) -> RunConfig:
+    """A configuration overridden by the table of a file."""
     sensors = table.get("sensors")
     if isinstance(sensors, dict) and "grade" in sensors:
-        grade = sensors.pop("grade")
+        grade, rest = sensors["grade"], {key: value for key, value in sensors.items() if key != "grade"}
         if grade not in GRADES:
             raise ValueError(f"{path}: sensors.grade must be one of {', '.join(GRADES)}, got {grade!r}")
-        config = replace(config, sensors=with_grade(config.sensors, grade))
+        config, table = replace(config, sensors=with_grade(config.sensors, grade)), table | {"sensors": rest}
     return config_from_table(RunConfig, table, config, str(path))
 
 
