@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.progress import track
 
-from deckline.detect import DETECTORS, OnnxDetector
+from deckline.detect import OnnxDetector
 from deckline.detect.search import CropView, Search
+from deckline.flight import open_detector
 from deckline.geometry import Camera
 from deckline.recording import FrameError
 from deckline.types import SIDES, Detection
@@ -158,7 +159,7 @@ def main() -> None:
     sets = open_recorded(tuple(given.sources))
     if given.deckless:
         sets += RenderOptions(0, given.deckless, ("train",), given.seed, "200..3000").open_sets()
-    detector = OnnxDetector(Path(given.detector)) if given.detector.endswith(".onnx") else DETECTORS[given.detector]()
+    detector = open_detector(given.detector)
     if not isinstance(detector, OnnxDetector):
         raise SystemExit(f"{given.detector} has no network")
     views = run_on_sets(sets, detector)

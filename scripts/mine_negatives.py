@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from deckline.detect import DETECTORS, OnnxDetector
 from deckline.detect.search import CropView
+from deckline.flight import open_detector
 from deckline.recording.images import read_image
 from deckline_lab.labels import LABELS_FILE, LabelledImage, read_labels, write_labels
 from deckline_sim.progress import progress
@@ -33,7 +33,7 @@ def main() -> int:
     given = parser.parse_args()
     labels = read_labels(given.pictures / LABELS_FILE)
     given.out.mkdir(parents=True, exist_ok=True)
-    detector = OnnxDetector(Path(given.detector)) if given.detector.endswith(".onnx") else DETECTORS[given.detector]()
+    detector = open_detector(given.detector)
     written = []
     with progress("pictures", len(labels)) as advance:
         for file in labels:

@@ -23,7 +23,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from deckline.config import Engine, RunConfig
+from deckline.config import CPU, Engine, RunConfig
 from deckline.dehaze import DEHAZERS, Dehazer, DehazeResult, OnnxDehazer, dehaze_for_display, dehaze_frame
 from deckline.detect import DETECTORS, Detector, OnnxDetector, SearchingDetector, SearchScheduler
 from deckline.detect.joined import FrameStack, view_joined, view_place_joined
@@ -135,7 +135,7 @@ class Flight:
         return cls(
             config,
             dehazer or _build(config.models.dehazer, DEHAZERS, OnnxDehazer, "dehazer", config.engine),
-            detector or _build(config.models.detector, DETECTORS, OnnxDetector, "detector", config.engine),
+            detector or open_detector(config.models.detector, config.engine),
             localizer,
         )
 
@@ -260,6 +260,15 @@ class Flight:
             return None
         self._image_prior.update(prediction.frame, detection, estimate)
         return self.tracker.update(prediction, estimate, flags, detection.frames)
+
+
+def open_detector(name: str, engine: Engine = CPU) -> Detector:
+    """The detector of a name in `DETECTORS`, or of the path of an .onnx file.
+
+    Raises:
+        ValueError: another name, or a file or an engine that cannot be used.
+    """
+    return _build(name, DETECTORS, OnnxDetector, "detector", engine)
 
 
 def _build(
