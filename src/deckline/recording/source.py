@@ -4,7 +4,6 @@ import json
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
@@ -129,15 +128,6 @@ class Recording(Source):
 
     def items(self) -> Iterator[Frame | BadFrame]:
         return map(self.item, range(len(self)))
-
-
-def read_ahead(items: Iterator[Frame | BadFrame]) -> Iterator[Frame | BadFrame]:
-    """The same items; while one is used the next one is read in a thread."""
-    with ThreadPoolExecutor(1, "read") as reader:
-        coming = reader.submit(next, items, None)
-        while (item := coming.result()) is not None:
-            coming = reader.submit(next, items, None)
-            yield item
 
 
 def read_data(path: Path, most_bytes: int = MOST_TEXT_BYTES) -> bytes:

@@ -15,7 +15,6 @@ from deckline.files import lock_folder, printable
 from deckline.flight import FrameResult
 from deckline.interrupts import on_first_signal
 from deckline.recording import BadFrame, Recording, Source
-from deckline.recording.source import read_ahead
 from deckline.report.provenance import Chain, settings_of
 from deckline.report.records import SKIPPED, FlightView, Record, frame_record, skipped_record
 from deckline.report.run_folder import RunFolder, check_apart, resume_folder, start_folder
@@ -162,10 +161,10 @@ def _catch_ctrl_c(source: Source, stack: ExitStack) -> threading.Event:
 
 def _read_items(source: Source, first: int, total: int | None) -> Iterator[Frame | BadFrame]:
     """Items `first` to `total` of the source. From the beginning it is iterated, as films are read best that way."""
-    if not isinstance(source, Recording):
-        return islice(source.items(), total)
-    rest = map(source.item, range(first, len(source) if total is None else total))
-    return read_ahead(islice(source.items(), total) if first == 0 else rest)
+    if first == 0 or not isinstance(source, Recording):
+        yield from islice(source.items(), total)
+        return
+    yield from map(source.item, range(first, len(source) if total is None else total))
 
 
 def _apply(chain: Chain, item: Frame | BadFrame) -> FrameResult | BadFrame:

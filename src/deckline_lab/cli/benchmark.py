@@ -31,8 +31,8 @@ def benchmark(
 ) -> int:
     """Measure how long every stage takes on this machine, and how late live answers are.
 
-    The recording is answered stage after stage, then as `deckline run` does without and with film and report, then
-    played at its own pace. Stages are compared with one pass of UFLD with ResNet-18 on the same engine.
+    The recording is answered frame after frame, run as `deckline run` does with film and report, and played at its own
+    pace. Stages are compared with one pass of UFLD with ResNet-18 on the same engine.
 
     Args:
         source: recording, folder of images or video; the shipped approach when not given.
@@ -51,13 +51,12 @@ def benchmark(
         flight = flight_from_config(config)
         networks: dict[str, Any] = {"dehazer": flight.dehazer, "detector": flight.detector}
         whole = measure.measure_file(chosen, flight, folder / "film.mp4")
-        flight.reset()
-        rates = {"guidance": measure.measure_rate(chosen, flight)}
-        flight.reset()
-        rates["film and report"] = measure.measure_run(chosen, flight, folder / "run")
+        run_rate = measure.measure_run(chosen, Flight.from_config(config, **networks), folder / "run")
         live, progress = measure.measure_live(chosen, Flight.from_config(live_config(config), **networks))
         passes, notes = _measure_passes(flight.detector, peer, config.engine, folder)
     file_figures, live_figures = whole.figures(), live.figures() | asdict(progress)
+    guided = whole.seconds[measure.GUIDANCE]
+    rates = {"guidance": len(guided) / sum(guided), "film and report": run_rate}
     file_figures["frames_per_s"] = rates
     tables = [
         measure.stage_table("file: one frame after the other", file_figures, passes),

@@ -18,7 +18,6 @@ from deckline.live.messages import FrameCounts
 from deckline.live.pipeline import LiveSession, Outputs
 from deckline.live.source import Playback
 from deckline.recording import Recording
-from deckline.recording.source import read_ahead
 from deckline.report.overlay import OVERLAY_PX, draw_overlay, draw_panels
 from deckline.report.run import run
 from deckline.report.video import VideoPiece
@@ -69,16 +68,6 @@ def measure_file(source: Recording, flight: Flight, film: Path) -> Timing:
     seconds = {stage: [frame[stage] for frame in frames[1:]] for stage in (*ANSWER, *FILM)}
     seconds[GUIDANCE] = [sum(frame[stage] for stage in ANSWER) for frame in frames[1:]]
     return Timing(seconds, sum(frames[0][stage] for stage in ANSWER), resident and read_memory("VmHWM"))
-
-
-def measure_rate(source: Recording, flight: Flight) -> float:
-    """Frames a second from the file to guidance, read as `deckline run` reads them."""
-    start, count = time.perf_counter(), 0
-    for item in read_ahead(source.items()):
-        if isinstance(item, Frame):
-            flight(item)
-            count += 1
-    return count / (time.perf_counter() - start)
 
 
 def measure_run(source: Recording, flight: Flight, out: Path) -> float:
