@@ -165,6 +165,11 @@ class Flight:
             return self.picture.forecast()
         return None if self.tracker is None else self.tracker.forecast()
 
+    def search_on(self) -> None:
+        """Search on while no frame is there; else the next frame does so first. The answers are the same."""
+        if self._scheduler is not None:
+            self._scheduler.search_on()
+
     def __enter__(self) -> "Flight":
         return self
 

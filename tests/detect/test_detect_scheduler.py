@@ -45,11 +45,12 @@ def short_sighted() -> OracleDetector:
 
 
 def detect_at(scheduler, times, pictures, box=BOX, is_sure=True):
-    """The views that the pictures at these times took, and their detections. The first picture is never sure."""
+    """The views that every picture took until the next one, and its detection. The first is never sure."""
     detector, views, found = scheduler.detector, [], []
     for number, (time_s, picture) in enumerate(zip(times, pictures, strict=False)):
         before = detector.views
         found.append(scheduler.detect(time_s, picture, box, is_sure and number > 0))
+        scheduler.search_on()
         views.append(detector.views - before)
     return views, found
 
@@ -69,6 +70,22 @@ def test_a_sure_track_costs_one_view_a_picture_and_two_while_a_search_runs_besid
     assert views[1:11] == [1] * 9 + [2]  # a second after the first search
     assert sum(views[1:]) < 1.5 * len(views)
     assert scheduler.update(None, None, None) == ()
+
+
+def test_no_answer_waits_for_the_search_beside_a_sure_track():
+    detector = OracleDetector()
+    scheduler, waiting = SearchScheduler(detector, 1.0), SearchScheduler(OracleDetector(), 1.0)
+    picture, views = draw((1280, 720), *HERE), []
+    for number in range(40):
+        before = detector.views
+        detection = scheduler.detect(0.1 * number, picture, BOX, number > 0)
+        views.append(detector.views - before)
+        scheduler.search_on()
+        other = waiting.detect(0.1 * number, picture, BOX, number > 0)
+        np.testing.assert_array_equal(detection.left.points_px, other.left.points_px)
+    waiting.search_on()
+    assert views[1:] == [1] * 39 and detector.views > sum(views)
+    assert waiting.detector.views == detector.views
 
 
 @pytest.mark.parametrize(("search_s", "period_s"), [(0.0, 0.1), (1.0, 1.5)])

@@ -8,6 +8,8 @@ is held. Where that search finds a runway, the next frame is viewed there, moved
 A track must not confirm itself: every `search_s` such a search is compared with the lines that the track's box gave in
 the same picture. While they differ, one search follows the other, and both places are viewed in every frame; from the
 second such search on the track is flagged.
+
+The search of the picture that is held goes on between two frames: no answer waits for it.
 """
 
 from abc import ABC, abstractmethod
@@ -93,6 +95,7 @@ class SearchScheduler:
         """Forget all pictures, and the search under way."""
         self._contradictions = 0  # searches in a row that found other lines than the track's box
         self._held: HeldSearch | None = None
+        self._coming: Callable[[], None] | None = None  # views of the held picture, before the next picture
         self._place: FoundPlace | None = None
         self._last_s = -np.inf  # when a search ended; infinite: none has since the last gap, so that no box is sure
         self._seen_s = -np.inf  # the last picture's time
@@ -125,6 +128,7 @@ class SearchScheduler:
             view_place_joined: the same of a place that a search found, where nothing else is known of the runway.
             is_wide: the box has a margin; it is viewed once more, closer, before pictures are joined.
         """
+        self.search_on()
         before_s, passed_s = self._passed_s, time_s - self._seen_s
         self._passed_s, self._seen_s = passed_s, time_s
         if passed_s > self.search_s:
@@ -139,7 +143,8 @@ class SearchScheduler:
         if at_box is not None and is_sure and _is_sure_pair(search, at_box):
             self._place = None
             if self._held is not None or time_s - self._last_s >= self.search_s:
-                self._search_on(time_s, image_rgb, at_box.lines, SURE_VIEWS - len(search.crops))
+                views = SURE_VIEWS - len(search.crops)
+                self._coming = partial(self._search_held, time_s, image_rgb, at_box.lines, views)
             return at_box.lines
         at_place = None
         if self._place and len(search.crops) < VIEWS:
@@ -153,8 +158,15 @@ class SearchScheduler:
         elif not is_checked and self._held is not None:  # a search's first step may take a view more
             held_views = views  # the track may follow what it found before the gap: the sooner this shows the better
         compared = at_box or found
-        self._search_on(time_s, image_rgb, None if compared is None else compared.lines, held_views)
+        reference = None if compared is None else compared.lines
+        self._coming = partial(self._search_held, time_s, image_rgb, reference, held_views)
         return NOTHING if found is None else found.lines
+
+    def search_on(self) -> None:
+        """View what is to be viewed of the held picture before the next one comes; `detect` does so if nobody has."""
+        coming, self._coming = self._coming, None
+        if coming is not None:
+            coming()
 
     def _search_at_once(self, time_s: float, image_rgb: NDArray[np.uint8], box: Box | None) -> Detection:
         search, beside = (self.detector.start_search(image_rgb) for _ in range(2))  # the box is no place searched
@@ -214,7 +226,9 @@ class SearchScheduler:
             self._place = _find_faint_place(search, view_place_joined)
         return None if found is None or found.count == 2 else found
 
-    def _search_on(self, time_s: float, image_rgb: NDArray[np.uint8], reference: Detection | None, views: int) -> None:
+    def _search_held(
+        self, time_s: float, image_rgb: NDArray[np.uint8], reference: Detection | None, views: int
+    ) -> None:
         """So many views of the search under way, or of a new one of this picture, to compare with a reference."""
         if self._held is None:
             search = self.detector.start_search(image_rgb)

@@ -199,6 +199,7 @@ class LiveSession:
                 self._refuse(BadFrame(frame.file, " ".join(str(error).split())))
                 continue
             self._answers.put(Answer(result, self._flight.forecast(), captured.at_s))
+            self._flight.search_on()
 
     def _guide(self) -> None:
         last: Answer | None = None
