@@ -13,6 +13,7 @@ from loopback import MOUNTED, PoseSender, Sender, flight, free_port, wait_until
 
 from deckline.cli.sources import SourceOptions
 from deckline.config import Navigation
+from deckline.flight import Flight
 from deckline.geometry import Camera, camera_mount
 from deckline.live import pipeline
 from deckline.live.clock import WallClock
@@ -156,6 +157,16 @@ def test_a_flight_that_fails_ends_the_session_with_its_error(tmp_path):
         chain.detector = broken
         with pytest.raises(RuntimeError, match="a bug"):
             LiveSession(camera, chain, Outputs(lambda record: None, lambda line: None)).run(30.0)
+
+
+def test_a_search_between_frames_that_fails_ends_no_flight(monkeypatch):
+    def refuse(_):
+        raise ValueError("a box without an end")
+
+    monkeypatch.setattr(Flight, "search_on", refuse)
+    with flying(port := free_port()) as (messages, lines), Sender(port):
+        wait_until(lambda: len(answers(messages)) > 3)
+        wait_until(lambda: any("a box without an end" in line for line in lines))
 
 
 @pytest.mark.parametrize(("load", "lines_expected"), [(99.0, 1), (0.1, 0)])

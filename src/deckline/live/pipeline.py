@@ -195,11 +195,10 @@ class LiveSession:
                 self._out.record(frame)
             try:
                 result = self._flight(frame)
+                self._answers.put(Answer(result, self._flight.forecast(), captured.at_s))
+                self._flight.search_on()
             except ValueError as error:
                 self._refuse(BadFrame(frame.file, " ".join(str(error).split())))
-                continue
-            self._answers.put(Answer(result, self._flight.forecast(), captured.at_s))
-            self._flight.search_on()
 
     def _guide(self) -> None:
         last: Answer | None = None
