@@ -2,7 +2,15 @@ import numpy as np
 import pytest
 from sea_scene import AIRLIGHT, CAMERA, SEA, SEA_Z_M, sea_pair, world_from_body
 
-from deckline.dehaze.haze_fit import DARK, HazeFit, NoFit, NotFitted, fit_haze, hidden_sea_certainty
+from deckline.dehaze.haze_fit import (
+    DARK,
+    HazeFit,
+    NoFit,
+    NotFitted,
+    fit_haze,
+    hidden_sea_certainty,
+    sees_beyond_horizon,
+)
 from deckline.dehaze.sea_view import SeaView, view_sea
 from deckline.geometry import camera_mount
 from deckline.haze import beta_from_visibility
@@ -140,3 +148,29 @@ def test_haze_that_hides_the_far_sea_is_certain_with_and_without_a_horizon(pitch
     assert hidden_sea_certainty(hazy, view) == 0
     hardly_in_view = view_from(25.0)
     assert hidden_sea_certainty(np.full_like(image, 150), hardly_in_view) == 0
+
+
+def test_a_coast_or_clouds_beyond_the_horizon_are_no_haze():
+    hazy, _ = sea_pair(beta_from_visibility(3000.0))
+    column = np.arange(CAMERA.width)
+    coast_top = -0.012 - 0.006 * np.sin(column / 40)
+    coast = hazy.copy()
+    coast[(VIEW.down < 0) & (VIEW.down > coast_top)] = AIRLIGHT - 40
+    clouds = hazy.astype(float)
+    clouds[VIEW.down < 0] += np.broadcast_to(8 * np.sin(column / 9)[:, None], (*hazy.shape[:2], 3))[VIEW.down < 0]
+    for image in (coast, np.rint(clouds.clip(0, 255)).astype(np.uint8)):
+        found = fit_haze(image, VIEW)
+        assert isinstance(found, NotFitted) and found.cause is NoFit.FAR_SEEN
+
+
+def test_a_near_ship_before_the_horizon_hides_no_haze():
+    hazy, _ = sea_pair(beta_from_visibility(1200.0))
+    ship = hazy.copy()
+    ship[(VIEW.down > -0.03) & (VIEW.down < 0.06) & (np.arange(CAMERA.width) % 160 < 90)] = 40
+    assert not sees_beyond_horizon(ship, VIEW)
+
+
+def test_a_sky_that_brightens_slowly_towards_the_horizon_hides_no_haze():
+    hazy = sea_pair(beta_from_visibility(1200.0))[0].astype(float)
+    hazy[VIEW.down < 0] -= (250 * -VIEW.down[VIEW.down < 0])[:, None]  # 6 levels over the band
+    assert isinstance(fit_haze(np.rint(hazy.clip(0, 255)).astype(np.uint8), VIEW), HazeFit)

@@ -57,3 +57,13 @@ def test_a_lens_bends_the_rays_as_the_camera_does(size):
 def test_a_plane_above_the_water_is_seen_along_the_same_rays():
     deck = view_water(VIEW.down, VIEW.height_m - 20.0)
     np.testing.assert_array_equal(deck.range_m, view_sea(CAMERA, POSE, SEA_Z_M - 20.0).range_m)
+
+
+def test_the_sea_share_rises_over_one_pixel_at_the_horizon():
+    share, whole = VIEW.sea_share, VIEW.is_sea
+    between = (share > 0) & (share < 1)
+    assert between.any(axis=0).mean() > 0.9  # nearly every column crosses the horizon within a pixel
+    assert between.sum(axis=0).max() <= 2
+    np.testing.assert_array_equal(share[~between] > 0.5, whole[~between])
+    np.testing.assert_array_equal(share > 0.5, whole)
+    assert view_water(np.full((1, 1), -0.1, np.float32), 50.0).sea_share.tolist() == [[0.0]]

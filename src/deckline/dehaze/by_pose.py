@@ -183,7 +183,7 @@ def with_noise(config: GeometryConfig, noise_sigma: float) -> GeometryConfig:
 def invert_haze(view: SeaView, t: Image, clear_t: Image, haze: HazeFit, config: GeometryConfig) -> PixelMap:
     """The map that thins haze of transmission t (H, W) to a clear day's air of transmission clear_t (H, W)."""
     airlight = haze.airlight.astype(np.float32)[:, None, None]
-    usual = np.where(view.is_sea, haze.clear_sea(view.down), airlight) - airlight
+    usual = view.sea_share * (haze.clear_sea(view.down) - airlight)
     level, hazy = float(airlight.mean()), airlight + t * usual
     gain = clear_t * signal_gain(t, level, config.level_sigma, config.airlight_sigma, config.scene_sigma)
     chroma = clear_t * signal_gain(t, level, config.level_sigma, config.airlight_chroma_sigma, config.chroma_sigma)

@@ -25,6 +25,12 @@ Image = NDArray[np.uint8] | Float32
 AIRLIGHT_BAND_RAD = 0.026  # 1.5 degrees of sky above the horizon
 MIN_BAND_PX = 100  # of that band in view
 MIN_AIRLIGHT = 25.0  # of 0..255; darker is night
+BEYOND_GAP_RAD, FAR_SEA_RAD = 0.0025, 0.02  # off the horizon that is not looked at; of sea below it that is compared
+BEYOND_CELLS = (5, 50)  # rows of angle above the horizon, columns
+MIN_CELL_PX, MIN_CELLS, MIN_COLUMNS = 3, 40, 12
+SEA_LEVELS = 8.0  # around the far sea's median; other columns show an object before the horizon
+TEXTURE = 3.0  # levels that a quarter of the cells differ by from a smooth sky; 2.0 at most in 278 views of haze
+FADING = 13.0  # levels from the horizon up to the end of the band; 10.6 at most in these
 MIN_CONTRAST = 8.0  # between the nearest sea and the airlight, levels
 MAX_RANGE_M = 5000.0  # of sea that is fitted; farther, clear air itself hides it
 ENDLESS_M = 1e6  # tau of 100 and more in any haze
@@ -109,6 +115,7 @@ class NoFit(StrEnum):
     LITTLE_SEA = "too little sea in view"
     NO_CONTRAST = "the sea does not differ from the haze"
     VAGUE = "the sea does not show how thick the haze is"
+    FAR_SEEN = "what lies beyond the horizon is seen: the air is clear"
     NO_FADING = "what lies below the horizon does not fade as a sea in haze does"
 
 
@@ -158,6 +165,8 @@ def fit_haze(image: Image, view: SeaView, noise_sigma: float = 0.0) -> HazeFit |
         return NotFitted(NoFit.NO_HORIZON)
     if airlight.max() < MIN_AIRLIGHT:
         return NotFitted(NoFit.DARK)
+    if sees_beyond_horizon(image, view):
+        return NotFitted(NoFit.FAR_SEEN)
     sides = np.arange(view.down.shape[1])
     sides = sides[np.abs(sides - sides.mean()) > SIDES_FROM * len(sides) / 2]
     for columns in (slice(None), sides):
@@ -188,6 +197,46 @@ def _band_airlight(image: Image, view: SeaView) -> Float64 | None:
     """Median colour (3,) of the sky just above the horizon; None when there is too little of it."""
     band = ~view.is_sea & (view.down > -AIRLIGHT_BAND_RAD)
     return np.median(image[band], axis=0) if np.count_nonzero(band) >= MIN_BAND_PX else None
+
+
+def sees_beyond_horizon(image: Image, view: SeaView) -> bool:
+    """Whether an image (H, W, 3) of levels shows a coast or clouds just above the sea's horizon.
+
+    Haze hides them: along a ray so flat the air is endless. Columns without a plain sea below are left out, as what
+    stands there may be a near ship.
+    """
+    import cv2
+
+    rows, columns = BEYOND_CELLS
+    grey = cv2.transform(image, np.full((1, 3), 1 / 3, np.float32)).astype(np.float32)
+    column = np.broadcast_to(np.arange(grey.shape[1]) * columns // grey.shape[1], grey.shape)
+    sea = view.is_sea & (view.down > BEYOND_GAP_RAD) & (view.down < FAR_SEA_RAD)
+    sky = ~view.is_sea & (view.down < -BEYOND_GAP_RAD) & (view.down > -AIRLIGHT_BAND_RAD)
+    far_sea, counts = _means_of(grey[sea], column[sea], columns)
+    shown = counts > MIN_CELL_PX
+    if np.count_nonzero(shown) < MIN_COLUMNS:
+        return False
+    plain = shown & (np.abs(far_sea - np.median(far_sea[shown])) < SEA_LEVELS)
+    row = np.minimum(view.down[sky] * (-rows / AIRLIGHT_BAND_RAD), rows - 1).astype(np.intp)
+    levels, counts = _means_of(grey[sky], row * columns + column[sky], rows * columns)
+    cells = np.flatnonzero((counts >= MIN_CELL_PX) & np.tile(plain, rows))
+    if len(cells) < MIN_CELLS:
+        return False
+    up, across = cells // columns / (rows - 1), cells % columns / (columns - 1) - 0.5
+    smooth = np.stack([np.ones_like(up), up, across, across * across], axis=1)
+    weights = np.ones(len(cells))
+    for _ in range(STEPS):
+        weighted = (smooth * weights[:, None]).T
+        surface = np.linalg.lstsq(weighted @ smooth, weighted @ levels[cells], rcond=None)[0]
+        off = np.abs(levels[cells] - smooth @ surface)
+        weights = 1 / (1 + np.square(off / (2 * LEVEL_SIGMA)))
+    return bool(np.percentile(off, 75) > TEXTURE or abs(surface[1]) > FADING)
+
+
+def _means_of(levels: Float32, which: NDArray[np.integer], count: int) -> tuple[Float64, NDArray[np.intp]]:
+    """Means (count,) of levels (N,) in groups (N,), and how many they are."""
+    counts = np.bincount(which, minlength=count)
+    return np.bincount(which, levels, minlength=count) / np.maximum(counts, 1), counts
 
 
 def measure_profile(image: Image, view: SeaView) -> SeaProfile:

@@ -22,7 +22,7 @@ from deckline.config import CPU, Engine
 from deckline.dehaze.base import Dehazer, DehazeResult, linear_step, mix, restore
 from deckline.dehaze.by_pose import USUAL_HEIGHT_M, GeometryDehazer, GeometrySolution, downscale_frame
 from deckline.dehaze.filters import max_channel
-from deckline.dehaze.haze_fit import NotFitted
+from deckline.dehaze.haze_fit import NoFit, NotFitted
 from deckline.dehaze.pixel_map import PixelMap
 from deckline.dehaze.tensors import (
     MIN_SIDE_PX,
@@ -39,7 +39,7 @@ from deckline.runtime import load_session
 from deckline.types import Frame
 
 # Chosen on nine random sets of 150 m to 20 km and clear air: docs/experiments/2026-11-dehazing-blend.md
-CLEAR_M = (7000.0, 9000.0)  # fitted visibility: from here on less is removed, and from here on nothing
+CLEAR_M = (6000.0, 7500.0)  # fitted visibility: from here on less is removed, and from here on nothing
 NETWORK_SHARE = 0.3  # where both agree
 AGREE_LEVELS = 20.0  # a difference at which its share is half, so that it never moves geometry by more than 3 levels
 ANGLE_BANDS = 12  # of equally many pixels
@@ -140,7 +140,7 @@ class OnnxDehazer:
     def _restore_without_fit(self, frame: Frame, why: NotFitted | None) -> DehazeResult:
         if why is None or self.network_only or frame.world_from_camera is None:
             return DehazeResult(self._restore_alone(frame.image_rgb))
-        if why.down is None:
+        if why.down is None or why.cause is NoFit.FAR_SEEN:
             return DehazeResult(frame.image_rgb.copy(), f"not dehazed: {why.reason}")
         darkest = darkest_detail(frame.image_rgb)
         if darkest <= DARKEST[0]:

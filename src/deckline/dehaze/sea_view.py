@@ -34,6 +34,16 @@ class SeaView:
         """(H, W), the pixels below the horizon."""
         return np.isfinite(self.range_m)
 
+    @cached_property
+    def sea_share(self) -> Float32:
+        """(H, W) share of a pixel below the horizon, 0 to 1: an enlarged mask of whole pixels has steps."""
+        if self.height_m <= 0 or min(self.down.shape) < 2:
+            return self.is_sea.astype(np.float32)
+        dip = np.float32(np.sqrt(2 * self.height_m / EARTH_RADIUS_M))
+        down, across = np.gradient(self.down)
+        pixel = np.maximum(np.hypot(down, across), np.float32(1e-9))
+        return np.asarray(np.clip((self.down - dip) / pixel + 0.5, 0, 1), np.float32)
+
 
 def view_sea(camera: Camera, world_from_camera: RigidTransform, sea_z_m: float) -> SeaView:
     """The sea seen by a camera; on a round Earth, so that the horizon lies a little below the horizontal.
