@@ -29,7 +29,7 @@ BEYOND_GAP_RAD, FAR_SEA_RAD = 0.0025, 0.02  # off the horizon that is not looked
 BEYOND_CELLS = (5, 50)  # rows of angle above the horizon, columns
 MIN_CELL_PX, MIN_CELLS, MIN_COLUMNS = 3, 40, 12
 SEA_LEVELS = 8.0  # around the far sea's median; other columns show an object before the horizon
-TEXTURE = 3.0  # levels that a quarter of the cells differ by from a smooth sky; 2.0 at most in 278 views of haze
+TEXTURE = 3.0  # levels that a quarter of the cells differ by from a smooth sky; 2.0 at most in 277 views of haze
 FADING = 13.0  # levels from the horizon up to the end of the band; 10.6 at most in these
 MIN_CONTRAST = 8.0  # between the nearest sea and the airlight, levels
 MAX_RANGE_M = 5000.0  # of sea that is fitted; farther, clear air itself hides it
@@ -208,6 +208,11 @@ def sees_beyond_horizon(image: Image, view: SeaView) -> bool:
     import cv2
 
     rows, columns = BEYOND_CELLS
+    near = np.flatnonzero((np.abs(view.down) < AIRLIGHT_BAND_RAD).any(axis=1))
+    if not len(near):
+        return False
+    part = np.s_[near[0] : near[-1] + 1]
+    image, view = image[part], SeaView(view.down[part], view.range_m[part], view.height_m)
     grey = cv2.transform(image, np.full((1, 3), 1 / 3, np.float32)).astype(np.float32)
     column = np.broadcast_to(np.arange(grey.shape[1]) * columns // grey.shape[1], grey.shape)
     sea = view.is_sea & (view.down > BEYOND_GAP_RAD) & (view.down < FAR_SEA_RAD)
