@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from deckline.dehaze.veil import LEVELS, VeilDehazer, tone_table
+from deckline.dehaze.veil import LEVELS, STRENGTH, VeilDehazer, estimate_air, to_full_scale, tone_table
 from deckline_lab.evaluation.metrics import psnr_db
 
 AIRLIGHT = np.array([0.70, 0.74, 0.80])
@@ -34,6 +34,14 @@ def test_haze_is_taken_off():
     result = VeilDehazer()(hazy)
     assert psnr_db(result[below], clear[below]) > psnr_db(hazy[below], clear[below]) + 1.5
     assert contrast(result[below]) > 1.15 * contrast(hazy[below])
+
+
+def test_more_comes_off_in_thick_fog_than_in_haze():
+    shares = []
+    for beta in (0.004, 0.02):
+        image = to_full_scale(textured_pair(beta)[0])
+        shares.append(estimate_air(image, image, 0.004, 8).strength)
+    assert shares[0] == STRENGTH[0] < shares[1] <= STRENGTH[1]
 
 
 def test_a_plain_sky_stays():

@@ -3,9 +3,10 @@
 I = J (1 - V) + A V. The airlight A is a smooth surface through the sky; a plain sky is therefore left as it is. The
 veil V comes from the dark channel, less what a scene's darkest details send themselves, smoothed along the image's
 edges. No pixel has more of it than leaves its darkest colour some light, and less of it comes off where no detail
-is seen: fog that gets darker towards the horizon stays fog. J is the most likely scene where noise and an uncertain
-airlight pass for little signal. A picture whose dark places are dark, or that is colourful, is hardly changed: only the
-level of its darkest details and its colours distinguish an overcast scene from a hazy one.
+is seen: fog that gets darker towards the horizon stays fog. More of it comes off in thick fog than in haze, where what
+is seen would get glows and smears. J is the most likely scene where noise and an uncertain airlight pass for little
+signal. A picture whose dark places are dark, or that is colourful, is hardly changed: only the level of its darkest
+details and its colours distinguish an overcast scene from a hazy one.
 
 Sources: He, Sun and Tang 2011 (dark channel); Tarel and Hautiere, "Fast visibility restoration from a single color or
 gray level image", 2009 (atmospheric veil); He, Sun and Tang 2013 (guided filter). The airlight's surface, the strength
@@ -37,7 +38,8 @@ PATCH = 1 / 60  # of its width, as the next three: the dark channel's window
 GUIDE_RADIUS = 1 / 24
 GUIDE_EPS = 1e-3
 MAX_VEIL = 0.92
-MOST_STRENGTH = 0.6  # of the veil that is taken off; at He et al.'s 0.95 judges name damage in two of three photographs
+STRENGTH = (0.6, 0.95)  # of the veil that is taken off: in haze, in thick fog; He et al. take 0.95 of every
+THICK = (0.8, 0.9)  # mean dark channel outside the sky. In less, 0.95 shows glows and smears beside what is seen
 OWN_LIGHT = 0.18  # of the airlight: what a scene's darkest details send themselves
 LEAST_LIGHT = 0.1, 0.25  # of the airlight, and of a pixel's own darkest colour over it: no mast gets darker
 DETAIL = 0.001  # of full scale: how much an image varies about its blurred self where half of the veil is sure
@@ -158,7 +160,10 @@ def estimate_air(image: Image, sample: Image, noise: float, radius_px: int) -> A
     opened = cv2.dilate(dark_channel(ratio, patch), np.ones((patch, patch), np.uint8))
     dark = cv2.GaussianBlur(opened, (0, 0), patch / 2).clip(0, 1)
     colours, far = saturation(ratio), _far_side(air.sky)
-    strength = MOST_STRENGTH * _haziness(dark[~air.sky], colours[~air.sky], colours[far], airlight.mean(axis=(0, 1)))
+    below = dark[~air.sky]
+    strength = _haziness(below, colours[~air.sky], colours[far], airlight.mean(axis=(0, 1)))
+    if strength > 0:
+        strength *= float(np.interp(below.mean(), THICK, STRENGTH))
     veil = strength * np.clip((dark - OWN_LIGHT) / (1 - OWN_LIGHT), 0, 1)
     veil = np.minimum(veil, own_veil(image, airlight)).clip(0)
     grey = mean_channel(image)
