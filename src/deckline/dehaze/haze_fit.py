@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from deckline.dehaze.base import linear_step
+from deckline.dehaze.filters import mean_channel
 from deckline.dehaze.sea_view import EARTH_RADIUS_M, SeaView
 from deckline.haze import CONTRAST_THRESHOLD
 from deckline.types import Value
@@ -115,7 +116,7 @@ class NoFit(StrEnum):
     LITTLE_SEA = "too little sea in view"
     NO_CONTRAST = "the sea does not differ from the haze"
     VAGUE = "the sea does not show how thick the haze is"
-    FAR_SEEN = "what lies beyond the horizon is seen: the air is clear"
+    FAR_SEEN = "a coast or clouds show just above the horizon: the air is clear, or the pose is wrong"
     NO_FADING = "what lies below the horizon does not fade as a sea in haze does"
 
 
@@ -205,15 +206,13 @@ def sees_beyond_horizon(image: Image, view: SeaView) -> bool:
     Haze hides them: along a ray so flat the air is endless. Columns without a plain sea below are left out, as what
     stands there may be a near ship.
     """
-    import cv2
-
     rows, columns = BEYOND_CELLS
     near = np.flatnonzero((np.abs(view.down) < AIRLIGHT_BAND_RAD).any(axis=1))
     if not len(near):
         return False
     part = np.s_[near[0] : near[-1] + 1]
     image, view = image[part], SeaView(view.down[part], view.range_m[part], view.height_m)
-    grey = cv2.transform(image, np.full((1, 3), 1 / 3, np.float32)).astype(np.float32)
+    grey = mean_channel(np.asarray(image, np.float32))
     column = np.broadcast_to(np.arange(grey.shape[1]) * columns // grey.shape[1], grey.shape)
     sea = view.is_sea & (view.down > BEYOND_GAP_RAD) & (view.down < FAR_SEA_RAD)
     sky = ~view.is_sea & (view.down < -BEYOND_GAP_RAD) & (view.down > -AIRLIGHT_BAND_RAD)
